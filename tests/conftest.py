@@ -1,0 +1,64 @@
+"""Shared fixtures: 64-bit arithmetic, the shared data where present, one small simulated record."""
+
+import os
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from didim_jax.machine import Controller, Drive, Encoder, Machine
+from didim_jax.recording import Recording
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder of the shared data: $DIDIM_DATA, else ../shared/data beside the repository."""
+    repository = Path(__file__).resolve().parents[1]
+    return Path(os.environ.get("DIDIM_DATA") or repository.parent / "shared" / "data")
+
+
+@pytest.fixture(scope="session")
+def emps_dir(data_dir: Path) -> Path:
+    """Folder with DATA_EMPS.mat, DATA_EMPS_PULSES.mat and machine.toml."""
+    folder = data_dir / "emps"
+    if not (folder / "DATA_EMPS.mat").is_file():
+        pytest.skip(f"needs the EMPS records: no {folder / 'DATA_EMPS.mat'}, set DIDIM_DATA to the folder above 'emps'")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def gap_cases(data_dir: Path) -> list[Path]:
+    """Folders of the development cases (fit.mat, check.mat, machine.toml), beside the shared data."""
+    for folder in (data_dir.parent / "gap" / "dev", data_dir.parent / "shared" / "gap" / "dev"):
+        if cases := sorted(path.parent for path in folder.glob("*/machine.toml")):
+            return cases
+    pytest.skip(f"needs the development cases: no {data_dir.parent / 'gap' / 'dev'}, set DIDIM_DATA")
+
+
+@pytest.fixture(scope="session")
+def emps_like() -> Machine:
+    """A machine with the documented values of the EMPS."""
+    return Machine(name="bench", model="rigid", mass_apriori=78.0, screw_lead=0.0025,
+                   controller=Controller(law="pd", kp=160.18, kv=243.45, sample_time=1e-3, velocity="two-sample"),
+                   drive=Drive(gain=35.15, limit=10.0), encoder=Encoder(resolution=5e-8))
+
+
+@pytest.fixture(scope="session")
+def clean_run(emps_like: Machine) -> Recording:
+    """Two seconds of a rigid mass under the documented law, encoder counted, in plain numpy: nothing odd in it."""
+    c, n = emps_like.controller, 2000
+    t = np.arange(n) * c.sample_time
+    qg = 0.05 * (1 - np.cos(2 * np.pi * t)) + 0.0003 * (1 - np.cos(14 * np.pi * t))
+    qm, vir = np.zeros(n), np.zeros(n)
+    q = v = 0.0
+    for k in range(n):
+        qm[k] = emps_like.encoder.resolution * np.round(q / emps_like.encoder.resolution)
+        dq = (qm[k] - qm[max(k - 2, 0)]) / (2 * c.sample_time)
+        vir[k] = c.kv * (c.kp * (qg[k] - qm[k]) - dq)
+        v += c.sample_time * (emps_like.drive.gain * vir[k] - 200.0 * v - 20.0 * np.tanh(v / 1e-3)) / 95.0
+        q += c.sample_time * v
+    return Recording(t, qg, qm, vir, emps_like.drive.gain, ql=qm + 1e-6 * vir, name="clean run", synthetic=True)
