@@ -1,0 +1,159 @@
+"""The command line: `didim identify` and `didim simulate`.
+
+A user's mistake ends in one line on standard error and exit status 2. Heavy modules are imported by the command that
+needs them, so that `--help` answers at once.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from tyro.conf import FlagCreatePairsOff, Positional
+
+from .errors import InputError
+
+
+def main() -> None:
+    """Entry point of the `didim` command."""
+    _prepare()
+    app = tyro.extras.SubcommandApp()
+    app.command(name="identify")(identify)
+    app.command(name="simulate")(simulate)
+    try:
+        app.cli(prog="didim", description="Identify flexible-joint drives by differentiable simulation.")
+    except InputError as error:
+        print(f"didim: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _prepare() -> None:
+    """float64, and a cache of compiled programs, so that only the first run on a machine compiles."""
+    import jax
+    import platformdirs
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("didim_jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+
+
+def identify(
+    records: Positional[tuple[Path, ...]],
+    /,
+    machine: Path,
+    out: Path,
+    method: Literal["three-step", "idim-ls", "didim", "gauss-newton", "output-error"] | None = None,
+    model: Literal["rigid", "flexible"] | None = None,
+    friction: Literal["symmetric", "asymmetric"] = "symmetric",
+    offset: FlagCreatePairsOff[bool] = False,
+    no_offset: FlagCreatePairsOff[bool] = False,
+    at_rest: FlagCreatePairsOff[bool] = False,
+    check: Path | None = None,
+    signal: Literal["force", "position"] = "force",
+    cutoff_hz: float | None = None,
+) -> None:
+    """Identify a machine from one or more records of it, and show how well it then simulates them.
+
+    Args:
+        records: Records of one machine (.mat, .csv or .npz), fitted together.
+        machine: What is documented of the machine (machine.toml).
+        out: Folder for identification.json, simulation.npz, figures and report.html.
+        method: Rigid: didim unless said otherwise; flexible: three-step.
+        model: The machine file's model unless said otherwise.
+        friction: One pair of friction parameters, or one for each direction.
+        offset: Estimate a constant force. The default for symmetric friction.
+        no_offset: Do not. The default for asymmetric friction, where it differs from Coulomb friction only at rest.
+        at_rest: The records start at rest; otherwise the initial state of each is estimated.
+        check: A record that takes no part in the fit and is simulated once, at the end.
+        signal: What output-error compares.
+        cutoff_hz: Band of the comparison, Hz: 5 for rigid didim, 60 otherwise.
+    """
+    from .formats import load_recording
+    from .identify import FORCE, POSITION, Choices, Method
+    from .identify import identify as run
+    from .machine import Machine
+    from .report import prepare_folder, print_study, write_study
+
+    if offset and no_offset:
+        raise InputError("--offset and --no-offset exclude each other: give one of them.")
+    if signal == "position" and method != "output-error":
+        raise InputError("--signal position is for --method output-error: the other methods compare the motor force.")
+    if not records:
+        raise InputError("no record given: name at least one .mat, .csv or .npz file.")
+    known = Machine.load(machine)
+    recordings = [load_recording(record, gain=known.drive.gain) for record in records]
+    checked = load_recording(check, gain=known.drive.gain) if check else None
+    prepare_folder(out)
+    choices = Choices(
+        model=model or known.model,
+        method=Method(method) if method else None,
+        asymmetric=friction == "asymmetric",
+        offset=True if offset else False if no_offset else None,
+        at_rest=at_rest,
+        cutoff_hz=cutoff_hz,
+        signal=POSITION if signal == "position" else FORCE,
+    )
+    with _progress() as progress:
+        study = run(recordings, known, choices, checked, progress)
+    write_study(study, out)
+    print_study(study, out)
+
+
+def simulate(
+    machine: Path,
+    plant: Path,
+    reference: Path,
+    out: Path,
+    noise: Annotated[float, tyro.conf.arg(metavar="N")] = 0.0,
+    noise_inside: FlagCreatePairsOff[bool] = False,
+    seed: int = 0,
+) -> None:
+    """Simulate a machine and write the run as a record, marked as synthetic.
+
+    Args:
+        machine: Controller, drive and encoder (machine.toml).
+        plant: Parameters of the drive (plant.toml).
+        reference: The motion to follow (reference.toml).
+        out: Record to write: .mat, .csv or .npz.
+        noise: White force noise, N rms per sample.
+        noise_inside: Let the noise act inside the loop, at the drive, instead of on the recorded force alone.
+        seed: Seed of the noise.
+    """
+    from .formats import save_recording
+    from .machine import Machine
+    from .plant_file import load_plant
+    from .reference import load_reference
+    from .synthesize import synthesize
+
+    known = Machine.load(machine)
+    qg = load_reference(reference).sample(known.controller.sample_time)
+    recording = synthesize(
+        known, load_plant(plant), qg, force_noise=noise, noise_inside_loop=noise_inside, seed=seed, name=out.stem
+    )
+    save_recording(recording, out)
+    print(
+        f"{out}: {len(recording)} samples, {recording.t[-1]:.4g} s, "
+        f"peak command {np.abs(recording.vir).max():.2f} V of {known.drive.limit:g} V (synthetic)"
+    )
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, np.ndarray, float], None]]:
+    """One line on standard error that follows the iterations."""
+    from rich.console import Console
+
+    with Console(stderr=True).status("simulating ...") as status:
+
+        def show(step: str, iteration: int, theta: np.ndarray, cost: float) -> None:
+            status.update(f"{step}: iteration {iteration}, residual {100 * cost:.2f} % of the signal")
+
+        yield show
+
+
+if __name__ == "__main__":
+    main()
