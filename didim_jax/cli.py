@@ -73,6 +73,8 @@ def identify(
         signal: What output-error compares.
         cutoff_hz: Band of the comparison, Hz: 5 for rigid didim, 60 otherwise.
     """
+    from rich.console import Console
+
     from .formats import load_recording
     from .identify import FORCE, POSITION, Choices, Method
     from .identify import identify as run
@@ -98,10 +100,10 @@ def identify(
         cutoff_hz=cutoff_hz,
         signal=POSITION if signal == "position" else FORCE,
     )
-    with _progress() as progress:
-        study = run(recordings, known, choices, checked, progress)
+    with _progress() as (progress, say):
+        study = run(recordings, known, choices, checked, progress, say)
     write_study(study, out)
-    print_study(study, out)
+    print_study(study, Console(), out)
 
 
 def simulate(
@@ -143,16 +145,17 @@ def simulate(
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[str, int, np.ndarray, float], None]]:
-    """One line on standard error that follows the iterations."""
+def _progress() -> Iterator[tuple[Callable[[str, int, np.ndarray, float], None], Callable[[str], None]]]:
+    """A line on standard error that follows the iterations, and a way to say something above it."""
     from rich.console import Console
 
-    with Console(stderr=True).status("simulating ...") as status:
+    console = Console(stderr=True)
+    with console.status("simulating ...") as status:
 
         def show(step: str, iteration: int, theta: np.ndarray, cost: float) -> None:
             status.update(f"{step}: iteration {iteration}, residual {100 * cost:.2f} % of the signal")
 
-        yield show
+        yield show, lambda text: console.print(text, markup=False, highlight=False)
 
 
 if __name__ == "__main__":

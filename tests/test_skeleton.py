@@ -16,12 +16,12 @@ PACKAGE = ROOT / "didim_jax"
 # A module may import from its own floor or from a lower one.
 FLOORS = {
     0: "_types params recording formats files config errors machine hygiene benchmark signals reference",
-    1: "effects plant control",
-    2: "chain simulate idm statistics",
+    1: "effects plant control plant_file",
+    2: "chain simulate idm statistics rig synthesize",
     3: "identify",
     4: "sweep gap",
     5: "report",
-    6: "cli",
+    6: "cli __main__",
 }
 FLOOR_OF = {name: floor for floor, names in FLOORS.items() for name in names.split()}
 TOP = max(FLOORS)

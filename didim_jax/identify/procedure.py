@@ -1,12 +1,8 @@
-"""From records and a machine to a study: admit, say what can be identified, identify, simulate, check.
-
-The check record is simulated once, at the end, with the drive as identified on the others; only its initial state is
-fitted to it.
-"""
+"""From records and a machine to a study: admit, say what can be identified, identify, simulate, check."""
 
 import dataclasses
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -36,8 +32,12 @@ def identify(
     choices: Choices,
     check: Recording | None = None,
     progress: Progress | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Study:
     """Identify one machine from one or more records of it.
+
+    `say` is told, before anything is fitted, what the records can give. The check record is simulated once, at the end,
+    with the drive as identified on the others; only its initial state is fitted to it.
 
     Raises InputError, one line, on a record that cannot be used and on choices that contradict each other.
     """
@@ -48,6 +48,7 @@ def identify(
     case = Case(tuple(recordings), machine, choices, progress)
     with _timed(seconds, "identifiability"):
         said, rigid = identifiability(case)
+    say(said.verdict)
     with _timed(seconds, "identification"):
         try:
             result = _not_given(said, rigid) if said.lost and rigid else _run(case)
