@@ -20,12 +20,19 @@ from .errors import InputError
 
 def main() -> None:
     """Entry point of the `didim` command."""
-    _prepare()
     app = tyro.extras.SubcommandApp()
     app.command(name="identify")(identify)
     app.command(name="simulate")(simulate)
-    try:
+    with program():
         app.cli(prog="didim", description="Identify flexible-joint drives by differentiable simulation.")
+
+
+@contextmanager
+def program() -> Iterator[None]:
+    """What every program of the project does around its work: float64, and one line for a user's mistake."""
+    _prepare()
+    try:
+        yield
     except InputError as error:
         print(f"didim: {error}", file=sys.stderr)
         sys.exit(2)
@@ -103,7 +110,7 @@ def identify(
     with _progress() as (progress, say):
         study = run(recordings, known, choices, checked, progress, say)
     write_study(study, out)
-    print_study(study, Console(), out)
+    print_study(study, out)
 
 
 def simulate(

@@ -90,6 +90,7 @@ class TracedDecimation(eqx.Module):
     padding: int = eqx.field(static=True)
     factor: int = eqx.field(static=True)
 
+    @eqx.filter_jit
     def __call__(self, x: Traj) -> Array:
         p = self.padding
         head = 2 * x[0] - x[p:0:-1]

@@ -223,5 +223,8 @@ class ContinuousLoop(AbstractLoop):
 
 @eqx.filter_jit
 def simulate(loop: AbstractLoop, excitation: Excitation, start: Start) -> Simulation:
-    """Run a loop, compiled once per shape: gains, parameters and smoothing are traced, so a sweep never recompiles."""
+    """Run a loop, compiled once per shape: gains, parameters and smoothing are traced, so a sweep never recompiles.
+
+    Inside a larger jitted function it is traced once per shape too, however often that function asks for it.
+    """
     return loop.run(excitation, start)

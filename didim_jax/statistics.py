@@ -11,8 +11,8 @@ import scipy.linalg
 class Spread:
     """How far an estimate may be from the truth, (n_theta,) and (n_theta, n_theta).
 
-    `std` and `covariance` are eq. 13-14, right where rho is white; `std_autocorrelated` drops that assumption
-    (Newey-West). `condition_number` is that of the matrix as it is, in SI units.
+    `std` and `covariance` are eq. 13-14, right where rho is white; `std_autocorrelated` holds for any spectrum.
+    `condition_number` is that of the matrix as it is, in SI units.
     """
 
     std: np.ndarray
@@ -48,14 +48,13 @@ def solve(W: np.ndarray, Y: np.ndarray, runs: Sequence[int] | None = None) -> Le
 def spread(W: np.ndarray, rho: np.ndarray, runs: Sequence[int] | None = None) -> Spread:
     """sigma_rho^2 = norm(rho)^2 / (r - b), C = sigma_rho^2 (W^T W)^-1, and the sandwich for any spectrum of rho.
 
-    References: paper, eq. 13-14; W. Newey, K. West, *A simple positive semi-definite, heteroskedasticity and
-    autocorrelation consistent covariance matrix*, 1987.
+    References: paper, eq. 13-14; L. Ljung, *System Identification*, 1999, section 9.2 (the sandwich).
     """
     r, b = W.shape
     norms, _, s, Vt = _scaled_svd(W)
     inverse = (Vt.T / s**2) @ Vt / np.outer(norms, norms)  # (W^T W)^-1
     covariance = (rho @ rho) / (r - b) * inverse
-    sandwich = inverse @ long_run_covariance(W * rho[:, None], runs) @ inverse * (r / (r - b))
+    sandwich = inverse @ scores_covariance(W, rho, runs) @ inverse * (r / (r - b))
     return Spread(
         std=np.sqrt(np.diag(covariance)),
         std_autocorrelated=np.sqrt(np.maximum(np.diag(sandwich), 0)),
@@ -74,35 +73,27 @@ def _scaled_svd(W: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return (norms, *scipy.linalg.svd(W / norms, full_matrices=False))
 
 
-def long_run_covariance(scores: np.ndarray, runs: Sequence[int] | None = None) -> np.ndarray:
-    """Sum over all lags of the scores' covariance, (b, b): the middle of the Newey-West sandwich, Bartlett weights.
+def scores_covariance(W: np.ndarray, rho: np.ndarray, runs: Sequence[int] | None = None) -> np.ndarray:
+    """W^T Omega W for a stationary rho of any spectrum, (b, b): the middle of the sandwich.
 
-    The number of lags follows the data (Andrews' rule for an AR(1) in each score, pooled), so that white residuals keep
-    their small variance and slow ones get the lags they need.
+    Omega, the covariance of rho, is diagonal over frequencies: W^T Omega W = sum over f of W(f)^H S(f) W(f), S the
+    periodogram of rho smoothed over neighbouring lines. A closed loop rejects slow disturbances, so its residual has
+    next to nothing at low frequencies, where the columns of W are largest; sums over a few lags do not see that.
 
-    References: D. Andrews, *Heteroskedasticity and autocorrelation consistent covariance matrix estimation*, 1991.
+    References: M. Priestley, *Spectral Analysis and Time Series*, 1981, section 6.2 (Daniell's window).
     """
-    total = np.zeros((scores.shape[1],) * 2)
-    for part in np.split(scores, np.cumsum(runs)[:-1] if runs else []):
-        lags = _bandwidth(part)
-        total += part.T @ part
-        for k in range(1, lags + 1):
-            crossed = part[k:].T @ part[:-k]
-            total += (1 - k / (lags + 1)) * (crossed + crossed.T)
+    total = np.zeros((W.shape[1],) * 2)
+    ends = np.cumsum([len(rho)] if runs is None else runs)
+    for columns, residual in zip(np.split(W, ends[:-1]), np.split(rho, ends[:-1]), strict=True):
+        n = len(residual)
+        lines = np.abs(np.fft.rfft(residual)) ** 2 / n
+        half = min(round(n**0.5 / 5), len(lines) - 1)  # narrow beside any feature, wide beside the noise of one line
+        window = np.full(2 * half + 1, 1 / (2 * half + 1))
+        spectrum = np.convolve(np.pad(lines, half, mode="reflect"), window, mode="valid")
+        transformed = np.fft.rfft(columns, axis=0)
+        both_sides = np.where((np.arange(len(lines)) == 0) | (2 * np.arange(len(lines)) == n), 1.0, 2.0)
+        total += np.real((transformed.conj().T * (both_sides * spectrum)) @ transformed) / n
     return total
-
-
-def _bandwidth(scores: np.ndarray) -> int:
-    """Andrews' plug-in bandwidth for Bartlett weights: 1.1447 (alpha n)^(1/3), at most a tenth of the samples."""
-    n = len(scores)
-    energy = np.sum(scores[:-1] ** 2, axis=0)
-    energy = np.where(energy > 0, energy, 1.0)
-    rho = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / energy, -0.97, 0.97)
-    weight = np.mean(scores**2, axis=0) * (1 - rho**2)  # innovation variance
-    weight = weight / max(float(np.max(weight)), np.finfo(float).tiny)
-    top = np.sum(4 * rho**2 * weight**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))
-    bottom = max(float(np.sum(weight**2 / (1 - rho) ** 4)), np.finfo(float).tiny)
-    return int(min(np.ceil(1.1447 * (top / bottom * n) ** (1 / 3)), n // 10))
 
 
 def base_columns(W: np.ndarray, tolerance: float = 1e-8) -> tuple[np.ndarray, np.ndarray]:

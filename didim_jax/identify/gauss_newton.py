@@ -11,7 +11,7 @@ from .parametrisation import PlantParameters
 from .result import IdentificationResult
 from .trial import Trial
 
-STOPPING = Stopping(tolerance=1e-5)
+STOPPING = Stopping(tolerance=1e-4)
 
 START_STOPPING = Stopping(tolerance=1e-2)
 """For initial states alone: in their typical sizes, 1e-5 m and 1e-3 m/s."""

@@ -14,7 +14,7 @@ from ..plant import AbstractPlant
 from ..recording import Recording
 from ..rig import excitation, first_state
 from ..signals import Decimation, TracedDecimation
-from ..simulate import AbstractLoop, Excitation, Simulation, Start
+from ..simulate import AbstractLoop, Excitation, Simulation, Start, simulate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Trial(eqx.Module):
     def simulate(self, plant: AbstractPlant, s: Array) -> Simulation:
         """The record's run with another plant and shifted initial state."""
         loop = eqx.tree_at(lambda a: a.chain.plant, self.loop, plant)
-        return loop.run(self.excitation, self.shifted(plant, s))
+        return simulate(loop, self.excitation, self.shifted(plant, s))
 
     def shifted(self, plant: AbstractPlant, s: Array) -> Start:
         """The initial state moved by s."""

@@ -1,0 +1,16 @@
+"""Where the measured records are, if they are anywhere: the project commits none."""
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+TWIN = ROOT / "configs" / "twin"
+"""The synthetic twin of the paper's machine: machine, plants, references."""
+
+
+def emps_folder() -> Path | None:
+    """Folder of the real EMPS records: `$DIDIM_DATA/emps`, else `../shared/data/emps`; None where they are not."""
+    data = Path(os.environ["DIDIM_DATA"]) if "DIDIM_DATA" in os.environ else ROOT.parent / "shared" / "data"
+    folder = data / "emps"
+    return folder if (folder / "DATA_EMPS.mat").is_file() and (folder / "machine.toml").is_file() else None
