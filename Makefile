@@ -40,12 +40,12 @@ run: setup
 
 # The recipe begins only when lint has passed, also under make -j.
 test: lint
-	@$(PY) -m pytest -n 2
+	@$(PY) -m pytest -n 2 --dist loadfile
 
 test-all: test
 
 test-fast: setup
-	@$(PY) -m pytest -n 2 -m "not slow"
+	@$(PY) -m pytest -n 2 --dist loadfile -m "not slow"
 
 lint: setup
 	@$(PY) -m ruff check

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from didim_jax.machine import Controller, Drive, Encoder, Machine
+from didim_jax.plant import AbstractPlant
+from didim_jax.plant_file import load_plant
 from didim_jax.recording import Recording
+from didim_jax.reference import load_reference
+from didim_jax.synthesize import synthesize
+
+ROOT = Path(__file__).resolve().parents[1]
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -42,9 +48,15 @@ def gap_cases(data_dir: Path) -> list[Path]:
 @pytest.fixture(scope="session")
 def emps_like() -> Machine:
     """A machine with the documented values of the EMPS."""
-    return Machine(name="bench", model="rigid", mass_apriori=78.0, screw_lead=0.0025,
-                   controller=Controller(law="pd", kp=160.18, kv=243.45, sample_time=1e-3, velocity="two-sample"),
-                   drive=Drive(gain=35.15, limit=10.0), encoder=Encoder(resolution=5e-8))
+    return Machine(
+        name="bench",
+        model="rigid",
+        mass_apriori=78.0,
+        screw_lead=0.0025,
+        controller=Controller(law="pd", kp=160.18, kv=243.45, sample_time=1e-3, velocity="two-sample"),
+        drive=Drive(gain=35.15, limit=10.0),
+        encoder=Encoder(resolution=5e-8),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -62,3 +74,22 @@ def clean_run(emps_like: Machine) -> Recording:
         v += c.sample_time * (emps_like.drive.gain * vir[k] - 200.0 * v - 20.0 * np.tanh(v / 1e-3)) / 95.0
         q += c.sample_time * v
     return Recording(t, qg, qm, vir, emps_like.drive.gain, ql=qm + 1e-6 * vir, name="clean run", synthetic=True)
+
+
+@pytest.fixture(scope="session")
+def twin_machine() -> Machine:
+    """The synthetic twin's machine: the published gains and the EMPS encoder."""
+    return Machine.load(ROOT / "configs" / "twin" / "machine.toml")
+
+
+@pytest.fixture(scope="session")
+def twin_plant() -> AbstractPlant:
+    """Table 3 of the paper, IDIM-LS column."""
+    return load_plant(ROOT / "configs" / "twin" / "plant.toml")
+
+
+@pytest.fixture(scope="session")
+def twin_run(twin_machine: Machine, twin_plant: AbstractPlant) -> Recording:
+    """The twin under trapezoids and a chirp, with white noise of 3 N rms on the recorded force."""
+    qg = load_reference(ROOT / "configs" / "twin" / "reference.toml").sample(twin_machine.controller.sample_time)
+    return synthesize(twin_machine, twin_plant, qg, force_noise=3.0, seed=1, name="twin")

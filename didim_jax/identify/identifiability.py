@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..params import select
+from ..errors import InputError
+from ..params import Parameter, select
 from ..plant import AbstractPlant, RigidDrive
 from ..statistics import cramer_rao
 from .flexible_mode import mode_parameters
@@ -40,6 +41,7 @@ class Identifiability:
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     bound_percent: np.ndarray
     directions: tuple[str, ...]
     verdict: str
@@ -56,6 +58,12 @@ def bounds(plant: AbstractPlant, names: Sequence[str], trials: tuple[Trial, ...]
     theta = parametrisation.start()
     z = jnp.concatenate([parametrisation.encode(theta), jnp.zeros(sum(t.n_start for t in trials))])
     _, J = linear_system(z, (parametrisation, trials), exact_columns)
+    if not np.isfinite(J).all():
+        supposed = ", ".join(f"{p.name} = {value:.3g} {p.unit}" for p, value in zip(chosen, theta, strict=True))
+        raise InputError(
+            f"the closed loop of the supposed drive is unstable ({supposed}): "
+            "give a mass_apriori (kg) in machine.toml that is nearer the machine's."
+        )
     scale = np.array([p.scale for p in chosen])
     size = np.where(np.abs(theta) > 0.1 * scale, np.abs(theta), scale)
     relative = np.array(J)
@@ -71,10 +79,11 @@ def bounds(plant: AbstractPlant, names: Sequence[str], trials: tuple[Trial, ...]
         if weak
         else f"This record gives all {len(chosen)} parameters (bounds up to {np.max(bound):.2g} % for {said})."
     )
-    return Identifiability(tuple(p.name for p in chosen), bound, _in_words(covariance, chosen), verdict)
+    said_of = tuple(p.name for p in chosen), tuple(p.unit for p in chosen)
+    return Identifiability(*said_of, bound, _in_words(covariance, chosen), verdict)
 
 
-def _in_words(covariance: np.ndarray, chosen: Sequence) -> tuple[str, ...]:
+def _in_words(covariance: np.ndarray, chosen: Sequence[Parameter]) -> tuple[str, ...]:
     """The two combinations with the largest spread: which parameters trade against which, and by how much."""
     spread, axes = np.linalg.eigh(covariance)
     said = []
@@ -156,7 +165,7 @@ def _costs(family: eqx.Module, trial: Trial, grid: Array) -> Array:
     return jax.lax.map(cost, grid, batch_size=16)
 
 
-def hidden_mode(scan: ModeScan, names: Sequence[str]) -> Identifiability:
+def hidden_mode(scan: ModeScan, chosen: Sequence[Parameter]) -> Identifiability:
     """The statement for a record that shows no flexible mode: nothing of the flexible model is given apart."""
     verdict = (
         "This record cannot give M2 and K12 apart: no flexible mode shows in it. "
@@ -165,4 +174,5 @@ def hidden_mode(scan: ModeScan, names: Sequence[str]) -> Identifiability:
         f"{scan.lowest_possible_hz:.0f} Hz fits as well as a rigid one. Excite the mode (a chirp through it), or use "
         "the rigid model."
     )
-    return Identifiability(tuple(names), np.full(len(names), np.inf), (), verdict, tuple(names))
+    lost = tuple(p.name for p in chosen)
+    return Identifiability(lost, tuple(p.unit for p in chosen), np.full(len(lost), np.inf), (), verdict, lost)

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..hygiene import admit
 from ..machine import Machine
+from ..params import select
 from ..plant import FlexibleDrive, RigidDrive
 from ..recording import Recording
 from ..statistics import Spread
@@ -18,7 +19,7 @@ from .didim import didim
 from .flexible_mode import split_rigid
 from .gauss_newton import gauss_newton, levenberg_marquardt
 from .identifiability import Identifiability, bounds, hidden_mode, scan_modes
-from .idim_ls import idim_ls
+from .idim_ls import WITH_LOAD_ENCODER, idim_ls
 from .method import Choices, Method
 from .output_error import output_error, pseudo_regular_start
 from .result import IdentificationResult
@@ -103,7 +104,7 @@ def identifiability(case: Case) -> tuple[Identifiability, IdentificationResult |
     scan = scan_modes(rigid.plant, rigid.relative_error, case.trials(split_rigid(rigid.plant, 0.5, 40.0), _band(case)))
     nominal = _with_friction(case, split_rigid(rigid.plant, *scan.best, friction_share=0.5))
     if not scan.visible:
-        return hidden_mode(scan, case.free(nominal)), rigid
+        return hidden_mode(scan, select(nominal, case.free(nominal))), rigid
     return bounds(nominal, case.free(nominal), case.trials(nominal, _band(case))), rigid
 
 
@@ -140,7 +141,7 @@ def _rigid_output_error(case: Case) -> IdentificationResult:
 
 def _flexible_idim_ls(case: Case) -> IdentificationResult:
     start = split_rigid(RigidDrive(case.machine.mass_apriori, case.friction()), 0.5, 40.0)
-    return idim_ls(start, case.free(start), case.recordings)
+    return idim_ls(start, case.free(start), case.recordings, WITH_LOAD_ENCODER)
 
 
 def _flexible_didim(case: Case) -> IdentificationResult:
@@ -193,7 +194,7 @@ def _not_given(said: Identifiability, rigid: IdentificationResult) -> Identifica
         rigid,
         method="none",
         names=said.names,
-        units=tuple("" for _ in said.names),
+        units=said.units,
         theta=nothing,
         spread=Spread(nothing, nothing, np.full((len(nothing), len(nothing)), np.nan), float("nan")),
         converged=False,
