@@ -80,7 +80,6 @@ def identify(
         signal: What output-error compares.
         cutoff_hz: Band of the comparison, Hz: 5 for rigid didim, 60 otherwise.
     """
-    from rich.console import Console
 
     from .formats import load_recording
     from .identify import FORCE, POSITION, Choices, Method
