@@ -51,6 +51,11 @@ class Chain(eqx.Module):
                 value = value + contribution
         return value, changes
 
+    def force(self, t: Array, state: State, command: Array) -> Array:
+        """Motor force (N) that reaches the plant while the drive holds `command` (V): the drive's, then its effects."""
+        signals = self.signals(state.plant, command)
+        return self.along(Block.ACTUATOR, t, state.effects, signals, self.drive(command))[0]
+
     def derivative(self, t: Array, state: State, command: Array) -> State:
         """d(state)/dt while the drive holds `command` (V). Effects that act once per sample stand still."""
         signals = self.signals(state.plant, command)

@@ -15,9 +15,7 @@ from .chain import Chain, State
 from .control import AbstractSampledController, ContinuousPD
 from .effects import SAMPLED, Block
 from .plant import Axis
-
-_SOLVER = dfx.Tsit5(scan_kind="lax")  # "lax": forward-mode derivatives pass through its stages
-
+from .solver import Unrolled
 
 type _Carry = tuple[State, Array]
 """State of the chain and memory of the controller, from sample to sample."""
@@ -99,9 +97,8 @@ class AbstractLoop(eqx.Module):
         q1, v1, q2, v2 = jax.vmap(chain.plant.sides)(states.plant)
         rates = jax.vmap(chain.derivative)(t, states, vir)
         a1, a2 = jax.vmap(chain.plant.accelerations)(states.plant, rates.plant)
-        return Simulation(
-            t, Axis(q1, v1, a1), Axis(q2, v2, a2), qm, vir, chain.drive.gain * vir, chain.drive(vir), result
-        )
+        force = jax.vmap(chain.force)(t, states, vir)
+        return Simulation(t, Axis(q1, v1, a1), Axis(q2, v2, a2), qm, vir, chain.drive.gain * vir, force, result)
 
 
 class SampledLoop(AbstractLoop):
@@ -113,7 +110,7 @@ class SampledLoop(AbstractLoop):
     controller: AbstractSampledController
     chain: Chain
     substeps: int = eqx.field(static=True, default=1)
-    solver: dfx.AbstractSolver = eqx.field(static=True, default=_SOLVER)
+    solver: dfx.AbstractSolver = eqx.field(static=True, default=Unrolled(dfx.Tsit5()))
 
     @property
     def memory_names(self) -> tuple[str, ...]:
@@ -169,7 +166,7 @@ class ContinuousLoop(AbstractLoop):
     controller: ContinuousPD
     chain: Chain
     substeps: int = eqx.field(static=True, default=1)
-    solver: dfx.AbstractSolver = eqx.field(static=True, default=_SOLVER)
+    solver: dfx.AbstractSolver = eqx.field(static=True, default=dfx.Tsit5())
 
     @property
     def memory_names(self) -> tuple[str, ...]:
