@@ -17,7 +17,7 @@ from ..params import Parameter, select
 from ..plant import AbstractPlant, RigidDrive
 from ..statistics import cramer_rao
 from .flexible_mode import mode_parameters
-from .least_squares import exact_columns, linear_system
+from .least_squares import DIVERGED, exact_columns, linear_system
 from .parametrisation import PlantParameters
 from .trial import Trial
 
@@ -57,18 +57,18 @@ def bounds(plant: AbstractPlant, names: Sequence[str], trials: tuple[Trial, ...]
     parametrisation = PlantParameters(plant, chosen, False)
     theta = parametrisation.start()
     z = jnp.concatenate([parametrisation.encode(theta), jnp.zeros(sum(t.n_start for t in trials))])
-    _, J = linear_system(z, (parametrisation, trials), exact_columns)
-    if not np.isfinite(J).all():
+    r, J = linear_system(z, (parametrisation, trials), exact_columns)
+    Y = np.concatenate([np.asarray(t.observed) for t in trials])
+    if not (np.isfinite(J).all() and np.abs(r).max() < DIVERGED * np.abs(Y).max()):
         supposed = ", ".join(f"{p.name} = {value:.3g} {p.unit}" for p, value in zip(chosen, theta, strict=True))
         raise InputError(
             f"the closed loop of the supposed drive is unstable ({supposed}): "
-            "give a mass_apriori (kg) in machine.toml that is nearer the machine's."
+            "correct mass_apriori (kg), or the gains of controller and drive, in machine.toml."
         )
     scale = np.array([p.scale for p in chosen])
     size = np.where(np.abs(theta) > 0.1 * scale, np.abs(theta), scale)
     relative = np.array(J)
     relative[:, : len(chosen)] *= size / scale  # columns per relative change of theta
-    Y = np.concatenate([np.asarray(t.observed) for t in trials])
     sigma = SUPPOSED_RESIDUAL * float(np.sqrt(np.mean(Y**2)))
     covariance = cramer_rao(relative, sigma)[: len(chosen), : len(chosen)]
     bound = 100 * np.sqrt(np.diag(covariance))

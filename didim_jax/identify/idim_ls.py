@@ -76,6 +76,8 @@ def idim_ls(
 
     References: paper, eq. 10-15.
     """
+    if plant.model == "flexible":
+        need_load_position(recordings)
     plant = _hard_sign(plant)
     chosen = select(plant, names)
     dt = recordings[0].dt
@@ -84,12 +86,7 @@ def idim_ls(
     for recording in recordings:
         motor = motion(recording.qm, recording.dt, filtering.position_hz)
         load = motor
-        if plant.model == "flexible":
-            if recording.ql is None:
-                raise InputError(
-                    f"{recording.label}: IDIM-LS of the flexible model needs the load position ql (m), which this "
-                    "record does not have; use the three-step method, which needs the motor force alone."
-                )
+        if plant.model == "flexible" and recording.ql is not None:
             load = motion(recording.ql, recording.dt, filtering.position_hz)
         W = np.asarray(observation_matrix(plant, motor, load, chosen))
         known = np.asarray(known_force(plant, motor, load, chosen))
@@ -119,6 +116,16 @@ def idim_ls(
         rho=solution.rho,
         rho_dt=dt * filtering.factor,
     )
+
+
+def need_load_position(recordings: Sequence[Recording]) -> None:
+    """Raises InputError for a record without `ql`."""
+    for recording in recordings:
+        if recording.ql is None:
+            raise InputError(
+                f"{recording.label}: IDIM-LS of the flexible model needs the load position ql (m), which this "
+                "record does not have; use the three-step method, which needs the motor force alone."
+            )
 
 
 def _force(recording: Recording, filtering: Filtering) -> np.ndarray:

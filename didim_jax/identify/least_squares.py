@@ -31,7 +31,7 @@ type Problem = tuple[AbstractParametrisation, tuple[Trial, ...]]
 """What is estimated, and every record that it is estimated from."""
 
 
-_DIVERGED = 1e3
+DIVERGED = 1e3
 """A residual so many times the signal is a simulation that has left the machine behind, finite or not."""
 
 
@@ -98,14 +98,13 @@ def unravel(z: Array, problem: Problem) -> tuple[Array, list[Array]]:
     return z[:n_x], jnp.split(z[n_x:], list(np.cumsum(sizes)[:-1]))
 
 
-@eqx.filter_jit
-def _init(solver: optx.AbstractLeastSquaresSolver, z: Array, problem: Problem, columns: Columns) -> PyTree:
+def first_state(solver: optx.AbstractLeastSquaresSolver, z: Array, problem: Problem, columns: Columns) -> PyTree:
+    """The solver's state before its first step."""
     struct = eqx.filter_eval_shape(_residual, z, problem, columns)
     return solver.init(_as_optimistix(columns), z, problem, {}, struct, None, frozenset())
 
 
-@eqx.filter_jit
-def _step(
+def step(
     solver: optx.AbstractLeastSquaresSolver, z: Array, problem: Problem, columns: Columns, state: PyTree
 ) -> tuple[Array, PyTree, Array, Array]:
     """One evaluation and one step: the accepted point, the state with the next point to try, r and J at the former."""
@@ -113,6 +112,9 @@ def _step(
     n = z.shape[0]
     J = jax.vmap(state.f_info.jac.mv, in_axes=1, out_axes=1)(jnp.eye(n))
     return z, state, state.f_info.residual, J
+
+
+_first_state, _step = eqx.filter_jit(first_state), eqx.filter_jit(step)
 
 
 def _as_optimistix(columns: Columns) -> Callable[[Array, Problem], tuple[Array, None]]:
@@ -152,7 +154,7 @@ def iterate(
     n_x = len(theta0)
     z = jnp.concatenate([parametrisation.encode(jnp.asarray(theta0)), jnp.zeros(sum(t.n_start for t in trials))])
     norm_Y = float(np.linalg.norm(np.concatenate([np.asarray(t.observed) for t in trials])))
-    state = _init(solver, z, problem, columns)
+    state = _first_state(solver, z, problem, columns)
     trace: list[np.ndarray] = [np.asarray(theta0, dtype=float)]
     costs: list[float] = []
     converged, reason, iterations, simulations = False, "", 0, 0
@@ -160,7 +162,7 @@ def iterate(
         z, state, residual, jacobian = _step(solver, z, problem, columns, state)
         r, J = np.asarray(residual), np.asarray(jacobian)
         simulations += len(trials)
-        if not (np.isfinite(r).all() and np.isfinite(J).all() and np.linalg.norm(r) < _DIVERGED * norm_Y):
+        if not (np.isfinite(r).all() and np.isfinite(J).all() and np.linalg.norm(r) < DIVERGED * norm_Y):
             return _lost(method, problem, z, iterations, simulations, trace, costs)
         if simulations == len(trials):
             _refuse_dead_columns(J, parametrisation.names)
@@ -184,8 +186,8 @@ def iterate(
             reason = f"not converged after {iterations} iterations"
             break
         iterations += 1
-        change = _change(parametrisation, z, state.y_eval, n_x)
-        if accepted and change < stopping.tolerance:
+        change = float(relative_change(parametrisation, z, state.y_eval, n_x))
+        if accepted and change < stopping.tolerance and float(steepness(residual, jacobian)) < FLAT:
             converged, reason = True, f"every parameter changes by less than {100 * stopping.tolerance:g} %"
         elif not accepted and change < 1e-12:
             reason = "no step decreases the criterion any further"
@@ -193,13 +195,24 @@ def iterate(
     return describe(method, problem, z, r, J, converged, reason, iterations, simulations, trace, costs)
 
 
-def _change(parametrisation: AbstractParametrisation, z: Array, proposed: Array, n_x: int) -> float:
+def relative_change(parametrisation: AbstractParametrisation, z: Array, proposed: Array, n_x: int) -> Array:
     """Largest relative change of a parameter; of an initial state, in its typical size, where there is no parameter."""
     if n_x == 0:
-        return float(jnp.max(jnp.abs(proposed - z), initial=0.0))
-    before, after = np.asarray(parametrisation.decode(z[:n_x])), np.asarray(parametrisation.decode(proposed[:n_x]))
-    one_tenth = np.abs(np.asarray(parametrisation.decode(0.1 * jnp.ones(n_x))))  # a parameter may well be zero
-    return float(np.max(np.abs(after - before) / np.maximum(np.abs(after), one_tenth)))
+        return jnp.max(jnp.abs(proposed - z), initial=0.0)
+    before, after = parametrisation.decode(z[:n_x]), parametrisation.decode(proposed[:n_x])
+    one_tenth = jnp.abs(parametrisation.decode(0.1 * jnp.ones(n_x)))  # a parameter may well be zero
+    return jnp.max(jnp.abs(after - before) / jnp.maximum(jnp.abs(after), one_tenth))
+
+
+FLAT = 0.01
+"""A residual is stationary below this cosine with every column: a damped step may be small anywhere."""
+
+
+def steepness(r: Array, J: Array) -> Array:
+    """Largest cosine between the residual and a column of J; zero for a residual that is rounding."""
+    norms = jnp.linalg.norm(J, axis=0) * jnp.linalg.norm(r)
+    cosines = jnp.abs(J.T @ r) / jnp.where(norms > 0, norms, 1.0)
+    return jnp.where(jnp.linalg.norm(r) > 1e-9 * jnp.linalg.norm(J), jnp.max(cosines, initial=0.0), 0.0)
 
 
 def _refuse_dead_columns(J: np.ndarray, names: tuple[str, ...]) -> None:

@@ -1,6 +1,7 @@
 """From records and a machine to a study: admit, say what can be identified, identify, simulate, check."""
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,11 +20,11 @@ from .didim import didim
 from .flexible_mode import split_rigid
 from .gauss_newton import gauss_newton, levenberg_marquardt
 from .identifiability import Identifiability, bounds, hidden_mode, scan_modes
-from .idim_ls import WITH_LOAD_ENCODER, idim_ls
+from .idim_ls import WITH_LOAD_ENCODER, idim_ls, need_load_position
 from .method import Choices, Method
 from .output_error import output_error, pseudo_regular_start
 from .result import IdentificationResult
-from .study import Study, run
+from .study import ERROR_HZ, Study, run
 from .three_step import FLEXIBLE_HZ, RIGID_HZ, StepFailed, mode_step, rigid_step, three_step
 
 
@@ -46,6 +47,10 @@ def identify(
     choices = settle(choices)
     every = [*recordings, *([check] if check else [])]
     findings = tuple((record.label, finding) for record in every for finding in admit(record, machine))
+    _refuse_repeated(every)
+    _refuse_band(choices, machine, every)
+    if choices.method is Method.IDIM_LS and choices.model == "flexible":
+        need_load_position(recordings)
     case = Case(tuple(recordings), machine, choices, progress)
     with _timed(seconds, "identifiability"):
         said, rigid = identifiability(case)
@@ -79,8 +84,35 @@ def settle(choices: Choices) -> Choices:
     offset = not choices.asymmetric if choices.offset is None else choices.offset
     low = method is Method.DIDIM and not flexible
     return dataclasses.replace(
-        choices, method=method, offset=offset, cutoff_hz=choices.cutoff_hz or (RIGID_HZ if low else FLEXIBLE_HZ)
+        choices,
+        method=method,
+        offset=offset,
+        cutoff_hz=(RIGID_HZ if low else FLEXIBLE_HZ) if choices.cutoff_hz is None else choices.cutoff_hz,
     )
+
+
+def _refuse_band(choices: Choices, machine: Machine, records: Sequence[Recording]) -> None:
+    """A band that the records and their sampling cannot have: that of the fit, and that of the reported force error."""
+    assert choices.cutoff_hz is not None
+    lowest = 1 / min(len(record) * record.dt for record in records)
+    highest = 0.5 / machine.controller.sample_time
+    if not lowest < choices.cutoff_hz < highest:
+        raise InputError(
+            f"cutoff {choices.cutoff_hz:g} Hz must lie between {lowest:.3g} Hz (one period in the shortest record) "
+            f"and {highest:g} Hz (half the sampling rate)."
+        )
+    if highest <= ERROR_HZ:
+        raise InputError(
+            f"the machine samples every {machine.controller.sample_time:g} s, too slowly to compare motor forces up to "
+            f"{ERROR_HZ:g} Hz: its sample_time must be below {0.5 / ERROR_HZ:.3g} s."
+        )
+
+
+def _refuse_repeated(records: Sequence[Recording]) -> None:
+    """The same run twice would halve a variance for nothing, and as a check it would check nothing."""
+    for a, b in itertools.combinations(records, 2):
+        if np.array_equal(a.qm, b.qm) and np.array_equal(a.vir, b.vir):
+            raise InputError(f"{b.label}: holds the same run as {a.label}; give it once, and check on another.")
 
 
 def identifiability(case: Case) -> tuple[Identifiability, IdentificationResult | None]:

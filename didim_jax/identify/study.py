@@ -5,7 +5,6 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from ..errors import InputError
 from ..hygiene import Finding
 from ..machine import Machine
 from ..plant import AbstractPlant
@@ -16,6 +15,7 @@ from ..simulate import simulate
 from .case import Case
 from .gauss_newton import fit_start
 from .identifiability import Identifiability
+from .least_squares import DIVERGED
 from .result import IdentificationResult
 from .trial import trial
 
@@ -26,7 +26,7 @@ class Run:
 
     `tau` (N) and `qm` (m) are simulated; `start` is the initial state that was used, by name (SI units).
     `force_error` = norm(F(tau_record - tau)) / norm(F(tau_record)), F a Butterworth of order 4 at 60 Hz, forward and
-    backward; `position_error` the same ratio for qm, unfiltered.
+    backward; `position_error` the same ratio for qm, unfiltered. All of them are nan where the simulation diverges.
     """
 
     recording: Recording
@@ -72,19 +72,16 @@ def force_error(tau: np.ndarray, simulated: np.ndarray, dt: float) -> float:
 
 
 def run(case: Case, recording: Recording, plant: AbstractPlant) -> Run:
-    """Simulate one record with a drive that stays as it is; only the record's own initial state is fitted to it.
-
-    Raises InputError when the simulation is not finite.
-    """
+    """Simulate one record with a drive that stays as it is; only the record's own initial state is fitted to it."""
     machine, at_rest = case.machine, case.choices.at_rest
     dt = machine.controller.sample_time
     one = trial(recording, machine, sampled_loop(machine, plant), Decimation.at(ERROR_HZ, dt), at_rest=at_rest)
     shift = jnp.zeros(0) if at_rest else jnp.asarray(fit_start(plant, (one,)).shifts[0])
     start = one.shifted(plant, shift)
     simulation = simulate(one.loop, one.excitation, start)
-    if not bool(simulation.ok):
-        raise InputError(f"{recording.label}: the simulation with the identified drive is not finite.")
     tau, qm = np.asarray(simulation.tau), np.asarray(simulation.qm)
+    if not (simulation.ok and np.abs(tau).max() < DIVERGED * np.abs(recording.tau).max()):
+        tau, qm = np.full_like(tau, np.nan), np.full_like(qm, np.nan)
     named = zip((*plant.state_names, *one.loop.memory_names), (*start.plant, *start.memory), strict=True)
     return Run(
         recording=recording,
