@@ -162,7 +162,7 @@ def test_the_page_opens_with_the_answer(study):
     text = _text(_page(study))
     assert (
         "M = 95.15 ± 0.26 kg, Fv = 203.2 ± 2.8 N s/m, Fc = 20.39 ± 0.24 N; "
-        "the rigid model explains the motor force to 4.22 % (fit) and 4.89 % (check)."
+        "the rigid model leaves 4.22 % (fit) and 4.89 % (check) of the motor force unexplained."
     ) in text
     assert "Converged (3 iterations, 4 simulations): every parameter changes by less than 0.1 %." in text
     assert "vir is 1.02 times the position term." in text
@@ -215,7 +215,7 @@ def test_where_nothing_is_given_the_step_before_is_the_answer(three_steps):
 def test_a_diverged_run_has_no_estimate(diverged):
     text = _text(_page(diverged))
     assert "No estimate: the simulation diverged." in text
-    assert "explains the motor force" not in text
+    assert "of the motor force unexplained" not in text
     assert "no estimate" in _terminal(diverged)
 
 
@@ -245,7 +245,7 @@ def test_every_step_of_a_procedure_is_on_the_page(three_steps):
 def test_the_terminal_has_the_table_and_a_few_lines(study, tmp_path):
     text = _terminal(study, folder=tmp_path)
     assert re.search(r"Fv .* 203\.2 .* 1\.2 .* 2\.8 .* 0\.59 .* N s/m", text)
-    assert "to 4.22 % (fit) and 4.89 % (check)" in text
+    assert "leaves 4.22 % (fit) and 4.89 % (check) of the motor force" in text
     assert "1 finding in the records; the first, in slow: vir is" in text
     assert "report.html" in text
 

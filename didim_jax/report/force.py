@@ -95,6 +95,6 @@ def _force_limits(measured: np.ndarray, simulated: np.ndarray) -> tuple[float, f
 
 def _residual_limits(raw: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
     """Symmetric, with all of the filtered residual and nearly all of the raw one: single spikes are cut off."""
-    sizes = [np.nanmax(np.abs(x), initial=0.0) for x in (residual, np.nanpercentile(np.abs(raw), [99.5]))]
-    size = max((float(x) for x in sizes if np.isfinite(x)), default=0.0)
+    raw, residual = (np.abs(x[np.isfinite(x)]) for x in (raw, residual))
+    size = max(float(residual.max(initial=0.0)), float(np.percentile(raw, 99.5)) if raw.size else 0.0)
     return (-1.1 * size, 1.1 * size) if size > 0 else (-1.0, 1.0)

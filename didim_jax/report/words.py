@@ -1,5 +1,7 @@
 """The few sentences that a result comes down to, the same on the page and in the terminal."""
 
+import math
+
 from ..identify.result import IdentificationResult
 from ..identify.study import Run, Study
 from .tables import NO_NUMBER, NOT_GIVEN, parameter_rows, percent
@@ -51,7 +53,11 @@ def fit(study: Study) -> str:
     errors = [f"{percent(run.force_error)} ({role(name)})" for name, run in named_runs(study).items()]
     errors = [error for error in errors if NO_NUMBER not in error]
     listed = " and ".join(filter(None, [", ".join(errors[:-1]), *errors[-1:]]))
-    return f"The {study.result.plant.model} model explains the motor force to {listed}." if listed else ""
+    lost = ", ".join(role(name) for name, run in named_runs(study).items() if not math.isfinite(run.force_error))
+    unexplained = f"{listed} of the motor force unexplained"
+    said = [f"The {study.result.plant.model} model leaves {unexplained}."] if listed else []
+    said += [f"The simulation with the identified drive diverges ({lost})."] if lost else []
+    return " ".join(said)
 
 
 def stage_name(result: IdentificationResult) -> str:
