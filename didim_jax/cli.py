@@ -1,15 +1,19 @@
 """The command line: `didim identify` and `didim simulate`.
 
 A user's mistake ends in one line on standard error and exit status 2. Heavy modules are imported by the command that
-needs them, so that `--help` answers at once.
+needs them.
 """
 
+import functools
+import io
 import os
+import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -21,21 +25,60 @@ from .errors import InputError
 def main() -> None:
     """Entry point of the `didim` command."""
     app = tyro.extras.SubcommandApp()
-    app.command(name="identify")(identify)
-    app.command(name="simulate")(simulate)
+    app.command(name="identify")(_parsed(identify))
+    app.command(name="simulate")(_parsed(simulate))
     with program():
-        app.cli(prog="didim", description="Identify flexible-joint drives by differentiable simulation.")
+        with _usage():
+            command = app.cli(prog="didim", description="Identify flexible-joint drives by differentiable simulation.")
+        command()
 
 
 @contextmanager
 def program() -> Iterator[None]:
-    """What every program of the project does around its work: float64, and one line for a user's mistake."""
-    _prepare()
+    """What every program of the project does around its work: float64, and one line for a user's mistake.
+
+    An interrupted one ends without a word and with the shell's status for it, 130.
+    """
     try:
+        _prepare()
         yield
     except InputError as error:
         print(f"didim: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _parsed(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
+    """The command with its arguments bound, to be run once all of them are understood."""
+
+    @functools.wraps(command)
+    def bind(*args: Any, **options: Any) -> Callable[[], None]:
+        return functools.partial(command, *args, **options)
+
+    return bind
+
+
+@contextmanager
+def _usage() -> Iterator[None]:
+    """tyro says what is wrong with a command line in a box of many lines: here it becomes one."""
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            yield
+    except SystemExit as end:
+        if end.code == 2:
+            raise InputError(_complaint(said.getvalue())) from None
+        raise
+
+
+def _complaint(box: str) -> str:
+    """The sentences of the box: without title, frame and colours, and without the help texts, indented by eight."""
+    rows = re.sub(r"\x1b\[[\d;]*m", "", box).splitlines()[1:]
+    text = textwrap.dedent("\n".join(row.strip("╭╮╰╯│").rstrip() for row in rows))
+    parts = [part.strip().split("\n\n")[0] for part in re.split(r"(?m)^ *[─-]+$", text) if "helptext" not in part]
+    said = [" ".join(re.sub(r"(?m)^ {8}.*", "", part).split()).rstrip(".") for part in parts]
+    return "; ".join(filter(None, said)) + "; see --help."
 
 
 def _prepare() -> None:
@@ -85,7 +128,7 @@ def identify(
     from .identify import FORCE, POSITION, Choices, Method
     from .identify import identify as run
     from .machine import Machine
-    from .report import prepare_folder, print_study, write_study
+    from .report import check_folder, print_study, write_study
 
     if offset and no_offset:
         raise InputError("--offset and --no-offset exclude each other: give one of them.")
@@ -96,7 +139,7 @@ def identify(
     known = Machine.load(machine)
     recordings = [load_recording(record, gain=known.drive.gain) for record in records]
     checked = load_recording(check, gain=known.drive.gain) if check else None
-    prepare_folder(out)
+    check_folder(out)
     choices = Choices(
         model=model or known.model,
         method=Method(method) if method else None,

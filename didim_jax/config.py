@@ -45,10 +45,10 @@ def load_toml[T](path: str | os.PathLike[str], cls: type[T]) -> T:
         raise InputError(f"{path}: no such file.") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, a TOML file is expected.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}.") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8, so not TOML.") from None
+    except (ValueError, RecursionError) as error:  # besides TOMLDecodeError: thousands of digits, or of brackets
+        raise InputError(f"{path}: not valid TOML: {error}.") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
     return build(cls, mapping, str(path))

@@ -15,6 +15,7 @@ comment lines (`# gtau = 35.15`) or in constant columns.
 import csv
 import os
 import re
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -160,6 +161,8 @@ def _write_mat(path: Path, channels: Variables, constants: Mapping[str, float]) 
 
 
 def _read_npz(path: Path, renamed: Mapping[str, str]) -> Variables:
+    if not zipfile.is_zipfile(path):
+        raise InputError(f"{path}: not a numpy .npz file; write it with numpy.savez.")
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {name: np.asarray(archive[name]) for name in archive.files}

@@ -268,7 +268,7 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
 
 def _motion(table: Mapping[str, Any], where: str) -> Motion:
     keys = {name: value for name, value in table.items() if name != "kind"}
-    kind = table.get("kind")
+    kind = str(table["kind"]) if "kind" in table else None
     if kind in _GROUPS:
         group = build(_Group, keys, f"{where} ({kind})")
         return _GROUPS[kind](tuple(_motion(p, f"{where}, part {i}") for i, p in enumerate(group.part, start=1)))
@@ -278,7 +278,7 @@ def _motion(table: Mapping[str, Any], where: str) -> Motion:
     known = (*_KINDS, *_GROUPS)
     if kind is None:
         raise InputError(f"{where}: missing key 'kind', one of {', '.join(known)}.")
-    near = difflib.get_close_matches(str(kind), known, n=1)
+    near = difflib.get_close_matches(kind, known, n=1)
     hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}."
     raise InputError(f"{where}: unknown kind {kind!r}, {hint}")
 
@@ -286,8 +286,16 @@ def _motion(table: Mapping[str, Any], where: str) -> Motion:
 # -- sampling ----------------------------------------------------------------------------------------------------
 
 
+_MOST_SAMPLES = 10_000_000
+"""Longer references are mistakes of unit, and no memory holds them."""
+
+
 def _times(duration: float, dt: float) -> np.ndarray:
     """0, dt, ... until the duration is over."""
+    if duration / dt > _MOST_SAMPLES:
+        raise InputError(
+            f"reference: {duration:g} s sampled every {dt:g} s are over {_MOST_SAMPLES:g} samples; make it shorter."
+        )
     return dt * np.arange(math.ceil(duration / dt - 1e-9) + 1)
 
 

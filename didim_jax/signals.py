@@ -14,6 +14,7 @@ import scipy.signal
 from jax import Array
 
 from ._types import Traj
+from .errors import InputError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +28,7 @@ class LowPass:
         """Butterworth of the given order (4 in the paper and by its authors), one pass; -6 dB at the cutoff in two."""
         nyquist_hz = 0.5 / dt
         if not 0 < cutoff_hz < nyquist_hz:
-            raise ValueError(
+            raise InputError(
                 f"cutoff must lie between 0 and {nyquist_hz:g} Hz (half the sampling rate), not {cutoff_hz:g} Hz."
             )
         return cls(scipy.signal.butter(order, cutoff_hz / nyquist_hz, output="sos"))

@@ -100,8 +100,8 @@ def base_columns(W: np.ndarray, tolerance: float = 1e-8) -> tuple[np.ndarray, np
     """Indices of b independent columns of W, and the (b, n - b) matrix beta that regroups the others into them.
 
     W[:, others] = W[:, base] @ beta, so that chi_base = theta[base] + beta @ theta[others]. The rank is read off a QR
-    with column pivoting, columns scaled to one; which columns stay, off a QR in the order given: each is kept unless
-    those before it already give it.
+    with column pivoting, columns scaled to one; which columns stay, off an orthogonalisation in the order given: each
+    is kept unless those before it already give it.
 
     References: paper, eq. 12; M. Gautier, *Numerical calculation of the base inertial parameters of robots*, 1991.
     """
@@ -109,11 +109,24 @@ def base_columns(W: np.ndarray, tolerance: float = 1e-8) -> tuple[np.ndarray, np
     scaled = W / np.where(norms > 0, norms, 1.0)
     pivots = np.abs(np.diag(scipy.linalg.qr(scaled, mode="r", pivoting=True)[0]))
     rank = int(np.sum(pivots > tolerance))
-    in_order = np.abs(np.diag(scipy.linalg.qr(scaled, mode="r")[0]))
+    in_order = _new_in_order(scaled, tolerance)
     base = np.sort(np.argsort(-in_order, kind="stable")[:rank])
     others = np.setdiff1d(np.arange(W.shape[1]), base)
     beta = np.linalg.lstsq(W[:, base], W[:, others], rcond=None)[0] if len(others) else np.zeros((rank, 0))
     return base, beta
+
+
+def _new_in_order(columns: np.ndarray, tolerance: float) -> np.ndarray:
+    """Norm of what each column adds to those before it, (n,). A plain QR would orthogonalise against rounding too."""
+    basis = np.zeros((len(columns), 0))
+    added = np.zeros(columns.shape[1])
+    for i, column in enumerate(columns.T):
+        for _ in range(2):  # twice is enough
+            column = column - basis @ (basis.T @ column)
+        added[i] = np.linalg.norm(column)
+        if added[i] > tolerance:
+            basis = np.column_stack([basis, column / added[i]])
+    return added
 
 
 def cramer_rao(jacobian: np.ndarray, sigma: float) -> np.ndarray:

@@ -32,8 +32,12 @@ def synthesize(
     `noise_inside_loop` it is added to the control law's output instead: the machine feels it, vir contains it, and
     the record does not say so.
 
-    Raises InputError: the run diverges, or the command exceeds the drive's limit.
+    Raises InputError: noise or seed below zero, the run diverges, or the command exceeds the drive's limit.
     """
+    if not 0 <= force_noise < np.inf:
+        raise InputError(f"noise = {force_noise:g} N rms must be a finite number, zero or more.")
+    if seed < 0:
+        raise InputError(f"seed = {seed} must be a whole number, zero or more.")
     dt = machine.controller.sample_time
     gain = machine.drive.gain
     noise = np.random.default_rng(seed).normal(0.0, force_noise / gain, len(qg)) if force_noise else np.zeros(len(qg))

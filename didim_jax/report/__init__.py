@@ -4,10 +4,11 @@ from .document import identification_document
 from .page import render_page
 from .tables import Row, parameter_rows
 from .terminal import print_study
-from .write import prepare_folder, write_study
+from .write import check_folder, prepare_folder, write_study
 
 __all__ = [
     "Row",
+    "check_folder",
     "identification_document",
     "parameter_rows",
     "prepare_folder",

@@ -23,7 +23,7 @@ _FIGURES = "figures"
 
 
 def prepare_folder(folder: str | os.PathLike[str]) -> Path:
-    """Make the folder and try to write in it, before an identification is worth losing.
+    """Make the folder and try to write in it.
 
     Raises InputError, one line: not a folder, no permission, a read-only or full disk, a folder in the place of a file.
     """
@@ -43,6 +43,12 @@ def prepare_folder(folder: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def check_folder(folder: str | os.PathLike[str]) -> None:
+    """Refuse what `prepare_folder` would, before an identification is worth losing, and leave no folder behind."""
+    with _taken_back(Path(folder)):
+        prepare_folder(folder)
+
+
 def write_study(study: Study, folder: str | os.PathLike[str]) -> list[Path]:
     """Write figures/*.png, simulation.npz, report.html and identification.json; their paths, in that order.
 
@@ -51,17 +57,10 @@ def write_study(study: Study, folder: str | os.PathLike[str]) -> list[Path]:
 
     Raises InputError as `prepare_folder` does.
     """
-    new = not Path(folder).exists()
-    folder = prepare_folder(folder)
-    try:
-        with _one_line(folder), _temporary(folder) as workshop:
-            made = _make(study, workshop)
-            return _move(made, workshop, folder)
-    except BaseException:
-        if new:
-            with contextlib.suppress(OSError):  # not empty: some files are in place, whole
-                folder.rmdir()
-        raise
+    folder = Path(folder)
+    with _taken_back(folder), _one_line(folder), _temporary(prepare_folder(folder)) as workshop:
+        made = _make(study, workshop)
+        return _move(made, workshop, folder)
 
 
 def _make(study: Study, workshop: Path) -> list[Path]:
@@ -99,6 +98,18 @@ def _move(made: list[Path], workshop: Path, folder: Path) -> list[Path]:
         if old not in placed and (old.stem in ("iterates", "estimates") or old.stem.startswith("force_")):
             old.unlink()
     return placed
+
+
+@contextlib.contextmanager
+def _taken_back(folder: Path) -> Iterator[None]:
+    """Remove the folders made inside, where in the end nothing is in them."""
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    try:
+        yield
+    finally:
+        for path in missing:
+            with contextlib.suppress(OSError):  # not made, or not empty
+                path.rmdir()
 
 
 @contextlib.contextmanager
