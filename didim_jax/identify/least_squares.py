@@ -162,7 +162,9 @@ def iterate(
         z, state, residual, jacobian = _step(solver, z, problem, columns, state)
         r, J = np.asarray(residual), np.asarray(jacobian)
         simulations += len(trials)
-        if not (np.isfinite(r).all() and np.isfinite(J).all() and np.linalg.norm(r) < DIVERGED * norm_Y):
+        with np.errstate(over="ignore"):  # a run on its way out may hold numbers whose squares overflow
+            close = np.linalg.norm(r) < DIVERGED * norm_Y
+        if not (np.isfinite(r).all() and np.isfinite(J).all() and close):
             return _lost(method, problem, z, iterations, simulations, trace, costs)
         if simulations == len(trials):
             _refuse_dead_columns(J, parametrisation.names)

@@ -1,0 +1,1 @@
+"""Timings beside peers; each is a program of its own."""
