@@ -59,7 +59,8 @@ class Simulation(eqx.Module):
     @property
     def ok(self) -> Array:
         """Whether the solver succeeded and every number is finite: a diverged fixed-step solve reports success."""
-        return (self.result == dfx.RESULTS.successful) & jnp.isfinite(self.tau).all()
+        ends = (self.tau, self.motor.a, self.load.a)
+        return (self.result == dfx.RESULTS.successful) & jnp.isfinite(jnp.stack(ends)).all()
 
 
 def _on_vectors(derivative: Callable[..., State], as_state: Callable[[Array], State]) -> dfx.ODETerm:
@@ -121,7 +122,10 @@ class SampledLoop(AbstractLoop):
         return self.controller.memory_scales
 
     def start(self, q: Scalar, v: Scalar, dt: Scalar) -> Start:
-        return Start(self.chain.plant.start(q, v), self.controller.recall(q, v, dt))
+        y = self.chain.plant.start(q, v)
+        signals = self.chain.signals(y, 0.0)
+        seen, _ = self.chain.along(Block.SENSOR, jnp.zeros(()), self.chain.init(y).effects, signals, signals.q1)
+        return Start(y, self.controller.recall(seen, v, dt))  # what the sensor would have shown, so that rest is rest
 
     def run(self, excitation: Excitation, start: Start) -> Simulation:
         chain, dt = self.chain, excitation.dt

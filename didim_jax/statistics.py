@@ -77,8 +77,9 @@ def scores_covariance(W: np.ndarray, rho: np.ndarray, runs: Sequence[int] | None
     """W^T Omega W for a stationary rho of any spectrum, (b, b): the middle of the sandwich.
 
     Omega, the covariance of rho, is diagonal over frequencies: W^T Omega W = sum over f of W(f)^H S(f) W(f), S the
-    periodogram of rho smoothed over neighbouring lines. A closed loop rejects slow disturbances, so its residual has
-    next to nothing at low frequencies, where the columns of W are largest; sums over a few lags do not see that.
+    periodogram of rho smoothed over neighbouring lines, made good for what the columns themselves took from each line.
+    A closed loop rejects slow disturbances, so its residual has next to nothing at low frequencies, where the columns
+    of W are largest; sums over a few lags do not see that.
 
     References: M. Priestley, *Spectral Analysis and Time Series*, 1981, section 6.2 (Daniell's window).
     """
@@ -87,9 +88,12 @@ def scores_covariance(W: np.ndarray, rho: np.ndarray, runs: Sequence[int] | None
     for columns, residual in zip(np.split(W, ends[:-1]), np.split(rho, ends[:-1]), strict=True):
         n = len(residual)
         lines = np.abs(np.fft.rfft(residual)) ** 2 / n
+        basis = np.linalg.svd(columns, full_matrices=False)[0]
+        left = 1 - np.sum(np.abs(np.fft.rfft(basis, axis=0)) ** 2, axis=1) / n  # of each line, after the fit
         half = min(round(n**0.5 / 5), len(lines) - 1)  # narrow beside any feature, wide beside the noise of one line
         window = np.full(2 * half + 1, 1 / (2 * half + 1))
-        spectrum = np.convolve(np.pad(lines, half, mode="reflect"), window, mode="valid")
+        smooth, kept = (np.convolve(np.pad(a, half, mode="reflect"), window, mode="valid") for a in (lines, left))
+        spectrum = smooth / np.maximum(kept, 1 / (2 * half + 1))
         transformed = np.fft.rfft(columns, axis=0)
         both_sides = np.where((np.arange(len(lines)) == 0) | (2 * np.arange(len(lines)) == n), 1.0, 2.0)
         total += np.real((transformed.conj().T * (both_sides * spectrum)) @ transformed) / n
@@ -130,8 +134,14 @@ def _new_in_order(columns: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def cramer_rao(jacobian: np.ndarray, sigma: float) -> np.ndarray:
-    """Smallest covariance an unbiased estimate can have: sigma^2 (J^T J)^-1, white noise of rms sigma on each row."""
+    """Smallest covariance an unbiased estimate can have: sigma^2 (J^T J)^-1, white noise of rms sigma on each row.
+
+    A parameter whose column is zero has an infinite variance, and covariances of zero.
+    """
     norms = np.linalg.norm(jacobian, axis=0)
-    _, s, Vt = scipy.linalg.svd(jacobian / norms, full_matrices=False)
+    seen = norms > 0
+    bound = np.diag(np.where(seen, 0.0, np.inf))
+    _, s, Vt = scipy.linalg.svd(jacobian[:, seen] / norms[seen], full_matrices=False)
     with np.errstate(divide="ignore"):
-        return sigma**2 * ((Vt.T / s**2) @ Vt) / np.outer(norms, norms)
+        bound[np.ix_(seen, seen)] = sigma**2 * ((Vt.T / s**2) @ Vt) / np.outer(norms[seen], norms[seen])
+    return bound

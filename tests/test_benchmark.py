@@ -20,7 +20,7 @@ def downloaded(clean_run, tmp_path):
     """A folder as the package leaves it after a download, with a small simulated record in place of each file."""
     folder = tmp_path / ".nonlinear_benchmarks" / "EMPS"
     folder.mkdir(parents=True)
-    (folder / "EMPS.zip").write_bytes(b"")   # its presence is what the package takes for a finished download
+    (folder / "EMPS.zip").write_bytes(b"")  # its presence is what the package takes for a finished download
     pulses = dataclasses.replace(clean_run, injected=np.ones(len(clean_run)))
     for name, run in zip(NAMES, (clean_run, pulses), strict=True):
         save_recording(run, folder / name)
@@ -40,7 +40,7 @@ def _refused():
 
 def _check(records, run):
     fit, check = records
-    np.testing.assert_array_equal(fit.qg, run.qg)   # the channel that the package's own arrays lack
+    np.testing.assert_array_equal(fit.qg, run.qg)  # the channel that the package's own arrays lack
     np.testing.assert_array_equal(fit.vir, run.vir)
     assert (fit.name, check.name) == ("DATA_EMPS", "DATA_EMPS_PULSES")
     assert fit.injected is None
@@ -67,7 +67,7 @@ def test_the_real_package_finds_that_folder(downloaded, clean_run, monkeypatch):
 
 
 def test_package_not_installed(monkeypatch):
-    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)   # what Python itself sets for "not there"
+    monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", None)  # what Python itself sets for "not there"
     assert "needs the package nonlinear_benchmarks" in _refused()
 
 

@@ -50,26 +50,31 @@ def test_a_right_file_gives_the_values(tmp_path):
         study.seed = 2
 
 
-@pytest.mark.parametrize(("text", "line"), [
-    ("seed = 1\nsteeps = 3\n[filter]\ncutoff = 60.0", "unknown key 'steeps', did you mean 'steps'?"),
-    ("seed = 1\n[filter]\ncutof = 60.0", "unknown key 'filter.cutof', did you mean 'filter.cutoff'?"),
-    ("seed = 1\ncutoff = 60.0\n[filter]\n", "unknown key 'cutoff', did you mean 'filter.cutoff'?"),
-    ("seed = 1\n[filter]\ncutoff = 60.0\nzzz = 1", "unknown key 'filter.zzz', known here: cutoff, decimation"),
-    ("seed = 1\n[filter]\ndecimation = 2", "missing key 'filter.cutoff' [Hz, low-pass]"),
-    ("[filter]\ncutoff = 60.0", "missing key 'seed'"),
-    ("seed = 1\n[filter]\ncutoff = -3.0", "'filter.cutoff' must be greater than 0 [Hz, low-pass], not -3.0"),
-    ("seed = 1\n[filter]\ncutoff = nan", "'filter.cutoff' must be a finite number [Hz, low-pass], not nan"),
-    ("seed = 1\n[filter]\ncutoff = inf", "'filter.cutoff' must be a finite number [Hz, low-pass], not inf"),
-    ('seed = 1\n[filter]\ncutoff = "60"', "'filter.cutoff' must be a valid number [Hz, low-pass], not '60'"),
-    ("seed = 1.5\n[filter]\ncutoff = 60.0", "'seed' must be a valid integer"),
-    ("seed = true\n[filter]\ncutoff = 60.0", "'seed' must be a valid integer, not True"),
-    ('seed = 1\nwidth = "wide"\n[filter]\ncutoff = 1.0', "'width' must be a valid number [m/s], not 'wide'"),
-    ('seed = 1\nscales = [1.0, "b"]\n[filter]\ncutoff = 1.0', "'scales[1]' must be a valid number, not 'b'"),
-    ("seed = 1\nfilter = 3", "'filter' must be a table of keys, not 3"),
-    ("seed = 1\n[filter]\ncutoff = 1.0\n[[others]]\ncutof = 2.0",
-     "unknown key 'others[0].cutof', did you mean 'others[0].cutoff'?"),
-    ("seed = \n", "not valid TOML: Invalid value (at line 1, column 8)"),
-])
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("seed = 1\nsteeps = 3\n[filter]\ncutoff = 60.0", "unknown key 'steeps', did you mean 'steps'?"),
+        ("seed = 1\n[filter]\ncutof = 60.0", "unknown key 'filter.cutof', did you mean 'filter.cutoff'?"),
+        ("seed = 1\ncutoff = 60.0\n[filter]\n", "unknown key 'cutoff', did you mean 'filter.cutoff'?"),
+        ("seed = 1\n[filter]\ncutoff = 60.0\nzzz = 1", "unknown key 'filter.zzz', known here: cutoff, decimation"),
+        ("seed = 1\n[filter]\ndecimation = 2", "missing key 'filter.cutoff' [Hz, low-pass]"),
+        ("[filter]\ncutoff = 60.0", "missing key 'seed'"),
+        ("seed = 1\n[filter]\ncutoff = -3.0", "'filter.cutoff' must be greater than 0 [Hz, low-pass], not -3.0"),
+        ("seed = 1\n[filter]\ncutoff = nan", "'filter.cutoff' must be a finite number [Hz, low-pass], not nan"),
+        ("seed = 1\n[filter]\ncutoff = inf", "'filter.cutoff' must be a finite number [Hz, low-pass], not inf"),
+        ('seed = 1\n[filter]\ncutoff = "60"', "'filter.cutoff' must be a valid number [Hz, low-pass], not '60'"),
+        ("seed = 1.5\n[filter]\ncutoff = 60.0", "'seed' must be a valid integer"),
+        ("seed = true\n[filter]\ncutoff = 60.0", "'seed' must be a valid integer, not True"),
+        ('seed = 1\nwidth = "wide"\n[filter]\ncutoff = 1.0', "'width' must be a valid number [m/s], not 'wide'"),
+        ('seed = 1\nscales = [1.0, "b"]\n[filter]\ncutoff = 1.0', "'scales[1]' must be a valid number, not 'b'"),
+        ("seed = 1\nfilter = 3", "'filter' must be a table of keys, not 3"),
+        (
+            "seed = 1\n[filter]\ncutoff = 1.0\n[[others]]\ncutof = 2.0",
+            "unknown key 'others[0].cutof', did you mean 'others[0].cutoff'?",
+        ),
+        ("seed = \n", "not valid TOML: Invalid value (at line 1, column 8)"),
+    ],
+)
 def test_a_mistake_is_one_line_with_file_and_key(tmp_path, text, line):
     with pytest.raises(InputError) as caught:
         _load(tmp_path, text)

@@ -30,17 +30,22 @@ def _csv(tmp_path, text):
 
 # -- what comes back ---------------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("synthetic", [True, False])
 def test_round_trip_is_exact(clean_run, tmp_path, suffix, synthetic):
-    full = dataclasses.replace(clean_run, injected=5.0 * (np.arange(len(clean_run)) % 2), synthetic=synthetic,
-                               documented={"kp": 160.18, "kv": 243.45})
+    full = dataclasses.replace(
+        clean_run,
+        injected=5.0 * (np.arange(len(clean_run)) % 2),
+        synthetic=synthetic,
+        documented={"kp": 160.18, "kv": 243.45},
+    )
     path = tmp_path / f"run{suffix}"
     save_recording(full, path)
     back = load_recording(path)
     assert set(back.channels) == set(full.channels) == {"t", "qg", "qm", "ql", "vir", "injected"}
     for name, values in full.channels.items():
-        np.testing.assert_array_equal(back.channels[name], values, err_msg=name)   # bit for bit, in csv too
+        np.testing.assert_array_equal(back.channels[name], values, err_msg=name)  # bit for bit, in csv too
     assert (back.gain, back.synthetic, back.documented) == (full.gain, synthetic, full.documented)
     assert (back.name, back.source) == ("run", str(path))
 
@@ -114,6 +119,7 @@ def test_benchmark_files(emps_dir):
 
 # -- what is refused ---------------------------------------------------------------------------------------------
 
+
 def test_files_that_are_not_there(tmp_path):
     assert "no such file" in _refused(tmp_path / "absent.mat")
     (tmp_path / "folder.mat").mkdir()
@@ -147,16 +153,19 @@ def _variables(run):
     return {"t": run.t, "qg": run.qg, "qm": run.qm, "vir": run.vir, "gtau": run.gain}
 
 
-@pytest.mark.parametrize(("change", "line"), [
-    ({"qg": None}, "channel qg is missing; the file holds gtau, qm, t, vir"),
-    ({"qm": np.zeros((1000, 2))}, "channel qm has the shape (1000, 2)"),
-    ({"vir": "volts"}, "channel vir does not hold real numbers"),
-    ({"vir": np.zeros(1000) + 1j}, "channel vir does not hold real numbers (complex128)"),
-    ({"gtau": np.array([35.0, 36.0])}, "gtau must be one constant"),
-    ({"gtau": np.nan}, "gtau is nan"),
-    ({"gtau": -35.0}, "gtau = -35.0 N/V must be a positive number"),
-    ({"vir": np.zeros(7)}, "channels differ in length"),
-])
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"qg": None}, "channel qg is missing; the file holds gtau, qm, t, vir"),
+        ({"qm": np.zeros((1000, 2))}, "channel qm has the shape (1000, 2)"),
+        ({"vir": "volts"}, "channel vir does not hold real numbers"),
+        ({"vir": np.zeros(1000) + 1j}, "channel vir does not hold real numbers (complex128)"),
+        ({"gtau": np.array([35.0, 36.0])}, "gtau must be one constant"),
+        ({"gtau": np.nan}, "gtau is nan"),
+        ({"gtau": -35.0}, "gtau = -35.0 N/V must be a positive number"),
+        ({"vir": np.zeros(7)}, "channels differ in length"),
+    ],
+)
 def test_variables_that_cannot_be_used(clean_run, tmp_path, change, line):
     variables = {name: v for name, v in (_variables(clean_run) | change).items() if v is not None}
     scipy.io.savemat(tmp_path / "run.mat", variables, oned_as="column")
@@ -172,23 +181,26 @@ def test_nan_inside(clean_run, tmp_path):
     assert "channel qm is nan at row 42" in _refused(tmp_path / "run.mat")
 
 
-@pytest.mark.parametrize(("text", "line"), [
-    ("t,qg,qm,vir\n0,1,2,3\n1,2,oops,4\n", "line 3, column 'qm': 'oops' is not a number"),
-    ("t,qg,qm,vir\n0,1,2,3\n\n# note\n1,2,,4\n", "line 5, column 'qm': '' is not a number"),
-    ("t,qg,qm,vir\n0,1,2,3\n,,,\n", "line 3, column 't': '' is not a number"),
-    ("t,qg,qm,vir\n0,1,2,3\n1,2,nan,4\n", "line 3, column 'qm': nan is not a finite number"),
-    ("t,qg,qm,vir\n0,1,2,3\n1,2,3\n", "line 3 has 3 cells, the header has 4"),
-    ("t,qg,qm,vir\n0,1,2,3\n1,2,3,4,5\n", "line 3 has 5 cells, the header has 4"),
-    ("t,qg,qm,vir\ns,inch,m,V\n0,1,2,3\n1,2,3,4\n", "unknown unit 'inch' of column 'qg'; known are m, mm, um"),
-    ("t,qg,qm,vir\nmin,m,m,V\n0,1,2,3\n1,2,3,4\n", "unknown unit 'min' of column 't'; known are s, ms"),
-    ("t,qg,qm,vir\ns,m,m,N\n0,1,2,3\n1,2,3,4\n", "unknown unit 'N' of column 'vir'; known are V, mV"),
-    ("t,qg,vir\n0,1,2\n1,2,3\n", "channel qm is missing; the file holds qg, t, vir"),
-    ("t,qg,qm,qm,vir\n0,1,2,2,3\n1,2,3,3,4\n", "column 'qm' appears twice"),
-    ("0,1,2,3\n1,2,3,4\n", "no line of column names"),
-    ("t;qg;qm;vir\n0;1;2;3\n", "cells must be separated by commas"),
-    ("# nothing\n", "empty"),
-    ("t,qg,qm,vir\n", "0 samples"),
-])
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("t,qg,qm,vir\n0,1,2,3\n1,2,oops,4\n", "line 3, column 'qm': 'oops' is not a number"),
+        ("t,qg,qm,vir\n0,1,2,3\n\n# note\n1,2,,4\n", "line 5, column 'qm': '' is not a number"),
+        ("t,qg,qm,vir\n0,1,2,3\n,,,\n", "line 3, column 't': '' is not a number"),
+        ("t,qg,qm,vir\n0,1,2,3\n1,2,nan,4\n", "line 3, column 'qm': nan is not a finite number"),
+        ("t,qg,qm,vir\n0,1,2,3\n1,2,3\n", "line 3 has 3 cells, the header has 4"),
+        ("t,qg,qm,vir\n0,1,2,3\n1,2,3,4,5\n", "line 3 has 5 cells, the header has 4"),
+        ("t,qg,qm,vir\ns,inch,m,V\n0,1,2,3\n1,2,3,4\n", "unknown unit 'inch' of column 'qg'; known are m, mm, um"),
+        ("t,qg,qm,vir\nmin,m,m,V\n0,1,2,3\n1,2,3,4\n", "unknown unit 'min' of column 't'; known are s, ms"),
+        ("t,qg,qm,vir\ns,m,m,N\n0,1,2,3\n1,2,3,4\n", "unknown unit 'N' of column 'vir'; known are V, mV"),
+        ("t,qg,vir\n0,1,2\n1,2,3\n", "channel qm is missing; the file holds qg, t, vir"),
+        ("t,qg,qm,qm,vir\n0,1,2,2,3\n1,2,3,3,4\n", "column 'qm' appears twice"),
+        ("0,1,2,3\n1,2,3,4\n", "no line of column names"),
+        ("t;qg;qm;vir\n0;1;2;3\n", "cells must be separated by commas"),
+        ("# nothing\n", "empty"),
+        ("t,qg,qm,vir\n", "0 samples"),
+    ],
+)
 def test_csv_that_cannot_be_used(tmp_path, text, line):
     assert line in _refused(_csv(tmp_path, text), gain=35.15)
 
@@ -203,6 +215,7 @@ def test_binary_csv(tmp_path):
 
 
 # -- writing whole or not at all ---------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(clean_run, tmp_path, suffix, monkeypatch):

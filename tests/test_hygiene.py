@@ -41,6 +41,7 @@ def test_nothing_is_said_of_a_clean_record(clean_run, emps_like):
 
 # -- time --------------------------------------------------------------------------------------------------------
 
+
 def test_thirty_samples(clean_run, emps_like):
     assert "30 samples are too few, at least 1000 are needed" in _refusal(_cut(clean_run, slice(30)), emps_like)
 
@@ -92,6 +93,7 @@ def test_another_sample_time_than_the_machine(clean_run, emps_like, factor, read
 
 # -- channels ----------------------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize("name", ["qg", "qm", "vir"])
 def test_a_channel_that_never_moves(clean_run, emps_like, name):
     dead = _with(clean_run, **{name: np.full(len(clean_run), 0.125)})
@@ -102,21 +104,24 @@ def test_a_dead_load_encoder_is_only_reported(clean_run, emps_like):
     assert _reported(_with(clean_run, ql=np.zeros(len(clean_run))), emps_like, "dead channel")
 
 
-@pytest.mark.parametrize(("factors", "reading"), [
-    ({"qm": 1e3}, "qm moves over .*: it looks like millimetres"),
-    ({"qg": 1e3}, "qg moves over .*: it looks like millimetres"),
-    ({"ql": 1e3}, "ql moves over .*: it looks like millimetres"),
-    ({"qg": 1e3, "qm": 1e3}, "it looks like millimetres"),
-    ({"qm": 1e6}, "it looks like micrometres"),
-    ({"qg": 1e-3}, "a factor of 100.: they look like metres against millimetres"),
-    ({"vir": 1e3}, "vir looks like millivolts"),
-    ({"vir": 35.15}, "vir looks like newtons"),
-    ({"vir": 35.15e-3}, "vir looks like kilonewtons"),
-    ({"vir": 35.15e3}, "vir looks like millinewtons"),
-    ({"vir": 1 / 35.15}, "vir looks divided by the drive gain"),
-    ({"vir": 1e-3}, "millimetres .or vir like kilovolts"),
-    ({"vir": -1.0}, "the sign of vir"),
-])
+@pytest.mark.parametrize(
+    ("factors", "reading"),
+    [
+        ({"qm": 1e3}, "qm moves over .*: it looks like millimetres"),
+        ({"qg": 1e3}, "qg moves over .*: it looks like millimetres"),
+        ({"ql": 1e3}, "ql moves over .*: it looks like millimetres"),
+        ({"qg": 1e3, "qm": 1e3}, "it looks like millimetres"),
+        ({"qm": 1e6}, "it looks like micrometres"),
+        ({"qg": 1e-3}, "a factor of 100.: they look like metres against millimetres"),
+        ({"vir": 1e3}, "vir looks like millivolts"),
+        ({"vir": 35.15}, "vir looks like newtons"),
+        ({"vir": 35.15e-3}, "vir looks like kilonewtons"),
+        ({"vir": 35.15e3}, "vir looks like millinewtons"),
+        ({"vir": 1 / 35.15}, "vir looks divided by the drive gain"),
+        ({"vir": 1e-3}, "millimetres .or vir like kilovolts"),
+        ({"vir": -1.0}, "the sign of vir"),
+    ],
+)
 def test_wrong_units_are_refused_with_their_likely_reading(clean_run, emps_like, factors, reading):
     wrong = _with(clean_run, **{name: factor * getattr(clean_run, name) for name, factor in factors.items()})
     with pytest.raises(InputError, match=reading):
@@ -126,7 +131,7 @@ def test_wrong_units_are_refused_with_their_likely_reading(clean_run, emps_like,
 def test_a_small_stroke_in_millimetres_shows_in_the_control_law(clean_run, emps_like):
     small = _with(clean_run, **{name: 0.02 * getattr(clean_run, name) for name in ("qg", "qm", "vir")}, ql=None)
     admit(small, emps_like)
-    assert np.ptp(1e3 * small.qm) < 5   # not a stroke to wonder about by itself
+    assert np.ptp(1e3 * small.qm) < 5  # not a stroke to wonder about by itself
     assert "qg and qm look like millimetres" in _refusal(_with(small, qg=1e3 * small.qg, qm=1e3 * small.qm), emps_like)
 
 
@@ -141,14 +146,14 @@ def test_the_grid_of_the_encoder(clean_run, emps_like):
         return _reported(_with(clean_run, qm=qm), emps_like, "encoder")
 
     assert said(clean_run.qm) == []
-    assert said(clean_run.qm + 1.7e-8) == []   # where the zero of the encoder lies is nobody's fault
+    assert said(clean_run.qm + 1.7e-8) == []  # where the zero of the encoder lies is nobody's fault
     assert "steps of 1e-06 m, 20 counts" in said(1e-6 * np.round(clean_run.qm / 1e-6))[0]
     assert "a lattice of 3e-08 m" in said(3e-8 * np.round(clean_run.qm / 3e-8))[0]
     assert "nor on any other" in said(clean_run.qm + np.random.default_rng(0).normal(0, 2e-8, len(clean_run)))[0]
 
 
 def test_samples_beyond_the_drive_limit_are_counted(clean_run, emps_like):
-    limit = float(np.sort(np.abs(clean_run.vir))[-12])   # eleven samples above it
+    limit = float(np.sort(np.abs(clean_run.vir))[-12])  # eleven samples above it
     machine = dataclasses.replace(emps_like, drive=dataclasses.replace(emps_like.drive, limit=limit))
     (line,) = _reported(clean_run, machine, "limit")
     first = int(np.flatnonzero(np.abs(clean_run.vir) > limit)[0]) + 1
@@ -158,11 +163,14 @@ def test_samples_beyond_the_drive_limit_are_counted(clean_run, emps_like):
     assert "recorded after the clip" in _reported(clipped, machine, "limit")[0]
 
 
-@pytest.mark.parametrize(("change", "line"), [
-    ({"gain": 35.5}, "gtau is 35.5 N/V in the record and 35.15 N/V in the machine"),
-    ({"documented": {"kp": 150.0}}, "kp is 150 1/s in the record and 160.18 1/s in the machine"),
-    ({"documented": {"kv": 243.0}}, "kv is 243 V s/m in the record and 243.45 V s/m in the machine"),
-])
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"gain": 35.5}, "gtau is 35.5 N/V in the record and 35.15 N/V in the machine"),
+        ({"documented": {"kp": 150.0}}, "kp is 150 1/s in the record and 160.18 1/s in the machine"),
+        ({"documented": {"kv": 243.0}}, "kv is 243 V s/m in the record and 243.45 V s/m in the machine"),
+    ],
+)
 def test_record_and_machine_must_agree(clean_run, emps_like, change, line):
     assert line in _refusal(_with(clean_run, **change), emps_like)
 
@@ -173,6 +181,7 @@ def test_agreement_is_to_a_thousandth(clean_run, emps_like):
 
 # -- control law -------------------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize("lag", [-3, -1, 1, 2])
 def test_a_shifted_control_signal_is_found(clean_run, emps_like, lag):
     lines = _reported(_with(clean_run, vir=np.roll(clean_run.vir, lag)), emps_like, "law")
@@ -181,7 +190,7 @@ def test_a_shifted_control_signal_is_found(clean_run, emps_like, lag):
 
 def test_other_gains_than_documented_are_told_apart(clean_run, emps_like):
     other = dataclasses.replace(emps_like, controller=dataclasses.replace(emps_like.controller, kp=160.18 / 1.03))
-    (line,) = _reported(clean_run, other, "law")   # and no lag
+    (line,) = _reported(clean_run, other, "law")  # and no lag
     assert "1.03 times the position term and 1 times the velocity term" in line
 
 
@@ -191,7 +200,7 @@ def test_noise_on_the_control_signal_is_reported_in_volts_and_newtons(clean_run,
     (line,) = [line for line in _reported(noisy, emps_like, "law") if "residual" in line]
     volts = float(line.split("residual of ")[1].split(" V")[0])
     newtons = float(line.split(" V (")[1].split(" N")[0])
-    assert volts == pytest.approx(sigma, rel=0.1)   # the rms of 2000 draws: 2 % wide
+    assert volts == pytest.approx(sigma, rel=0.1)  # the rms of 2000 draws: 2 % wide
     assert newtons == pytest.approx(35.15 * volts, rel=0.01)
 
 
@@ -202,6 +211,7 @@ def test_a_control_signal_from_elsewhere_is_reported_not_read_as_a_unit(clean_ru
 
 # -- injected signal ---------------------------------------------------------------------------------------------
 
+
 def _pulses(n):
     return 5.0 * (np.arange(n) // 100 % 2)
 
@@ -210,7 +220,7 @@ def _pulses(n):
 def test_the_scale_of_the_injected_signal_is_found(clean_run, emps_like, scale):
     pulses = _pulses(len(clean_run))
     run = _with(clean_run, injected=pulses, vir=clean_run.vir + scale * pulses)
-    assert injected_scale(run, emps_like) == pytest.approx(scale, abs=1e-9)   # algebra only: the law holds exactly
+    assert injected_scale(run, emps_like) == pytest.approx(scale, abs=1e-9)  # algebra only: the law holds exactly
     assert f"pulses_N enters at {scale:.4g} V per unit" in _reported(run, emps_like, "injected")[0]
     assert _reported(run, emps_like, "law") == []
 
@@ -232,6 +242,7 @@ def test_no_injected_signal_has_scale_zero(clean_run, emps_like):
 
 # -- whatever comes ----------------------------------------------------------------------------------------------
 
+
 @pytest.mark.parametrize("n", [2, 3, 49, 51, 1500])
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1.0, 1e300])
 def test_examine_never_raises(emps_like, n, size):
@@ -244,12 +255,13 @@ def test_examine_never_raises(emps_like, n, size):
 
 # -- real records ------------------------------------------------------------------------------------------------
 
+
 def test_the_benchmark_records_are_admitted_and_read_as_documented(emps_dir):
     machine = Machine.load(emps_dir / "machine.toml")
     fit, check = (load_recording(emps_dir / f"{name}.mat") for name in ("DATA_EMPS", "DATA_EMPS_PULSES"))
     assert admit(fit, machine) == ()
     assert {finding.check for finding in admit(check, machine)} == {"injected", "encoder"}
-    assert injected_scale(check, machine) == pytest.approx(1.014, abs=5e-4)   # the value stated with the data
+    assert injected_scale(check, machine) == pytest.approx(1.014, abs=5e-4)  # the value stated with the data
 
 
 def test_every_development_case_is_admitted(gap_cases):

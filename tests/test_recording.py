@@ -45,15 +45,18 @@ def test_one_channel_altered_keeps_the_rest():
     np.testing.assert_array_equal(other.tau, 2 * r.tau)
 
 
-@pytest.mark.parametrize(("change", "line"), [
-    ({"qm": np.zeros(4)}, "channels differ in length: t 5, qg 5, qm 4, vir 5"),
-    ({"ql": np.zeros(6)}, "channels differ in length: .*ql 6"),
-    ({"qg": np.array([0, 1, np.nan, 3, np.nan])}, r"channel qg is nan at row 3 \(2 such values\)"),
-    ({"injected": np.array([0, np.inf, 0, 0, 0])}, "channel injected is inf at row 2"),
-    ({"vir": np.zeros((5, 1))}, r"channel vir has the shape \(5, 1\)"),
-    ({"gain": 0.0}, "gain gtau = 0.0 N/V must be a positive number"),
-    ({"gain": float("nan")}, "gain gtau = nan N/V"),
-])
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"qm": np.zeros(4)}, "channels differ in length: t 5, qg 5, qm 4, vir 5"),
+        ({"ql": np.zeros(6)}, "channels differ in length: .*ql 6"),
+        ({"qg": np.array([0, 1, np.nan, 3, np.nan])}, r"channel qg is nan at row 3 \(2 such values\)"),
+        ({"injected": np.array([0, np.inf, 0, 0, 0])}, "channel injected is inf at row 2"),
+        ({"vir": np.zeros((5, 1))}, r"channel vir has the shape \(5, 1\)"),
+        ({"gain": 0.0}, "gain gtau = 0.0 N/V must be a positive number"),
+        ({"gain": float("nan")}, "gain gtau = nan N/V"),
+    ],
+)
 def test_a_broken_record_is_one_line_with_the_name_of_the_channel(change, line):
     with pytest.raises(InputError, match=line) as caught:
         Recording(**{**_channels(), "gain": 35.0, "source": "run.mat", **change})

@@ -50,7 +50,7 @@ def _least_over_start(trial: Trial, r: Array, S: Array) -> Array:
 def first_simplex(parametrisation: AbstractParametrisation, theta0: Array) -> Array:
     """Vertices in x, (n + 1, n): the start, and an edge along each parameter, backwards where a bound is in the way."""
     edges = jnp.diag(jnp.where(theta0 != 0, _SPREAD * theta0, 0.00025))
-    ahead, behind = (jax.vmap(parametrisation.encode)(theta0 + sign * edges) for sign in (1, -1))
+    ahead, behind = (jax.vmap(parametrisation.encode)(theta0[None, :] + sign * edges) for sign in (1, -1))
     vertices = jnp.where(jnp.isfinite(ahead).all(axis=1, keepdims=True), ahead, behind)
     return jnp.concatenate([parametrisation.encode(theta0)[None, :], vertices])
 
@@ -89,7 +89,7 @@ def unevenness(parametrisation: AbstractParametrisation, state: PyTree) -> tuple
     """How far apart the simplex is: in theta, relative to the best vertex, and in the criterion, likewise."""
     thetas = jax.vmap(parametrisation.decode)(state.simplex)
     best = jnp.argmin(state.f_simplex)
-    apart = jnp.max(jnp.abs(thetas - thetas[best]) / jnp.maximum(jnp.abs(thetas[best]), 1e-12))
+    apart = jnp.max(jnp.abs(thetas - thetas[best][None, :]) / jnp.maximum(jnp.abs(thetas[best]), 1e-12)[None, :])
     least = jnp.sqrt(state.f_simplex[best])
     return apart, (jnp.sqrt(jnp.max(state.f_simplex)) - least) / jnp.maximum(least, 1e-300)
 
