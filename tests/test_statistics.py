@@ -182,7 +182,7 @@ def test_the_middle_of_the_sandwich_has_a_closed_form_for_a_flat_spectrum(n):
 
 
 def test_what_the_columns_took_from_the_residual_is_made_good():
-    """A constant takes the mean out of white noise and leaves its line empty; its spread is white noise's all the same."""
+    """A constant takes the mean out of white noise and leaves its line empty: its spread is still white noise's."""
     rng = np.random.default_rng(11)
     W = np.ones((300, 1))
     ratios = []
