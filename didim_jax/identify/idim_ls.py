@@ -78,7 +78,7 @@ def idim_ls(
     """
     if plant.model == "flexible":
         need_load_position(recordings)
-    plant = _hard_sign(plant)
+    sharp = _hard_sign(plant)
     chosen = select(plant, names)
     dt = recordings[0].dt
     decimate = filtering.decimation(dt)
@@ -88,8 +88,8 @@ def idim_ls(
         load = motor
         if plant.model == "flexible" and recording.ql is not None:
             load = motion(recording.ql, recording.dt, filtering.position_hz)
-        W = np.asarray(observation_matrix(plant, motor, load, chosen))
-        known = np.asarray(known_force(plant, motor, load, chosen))
+        W = np.asarray(observation_matrix(sharp, motor, load, chosen))
+        known = np.asarray(known_force(sharp, motor, load, chosen))
         for row in range(len(W)):
             measured = _force(recording, filtering) if row == 0 else np.zeros(len(recording))
             W_parts.append(decimate(W[row]))
@@ -138,7 +138,7 @@ def _hard_sign(plant: AbstractPlant) -> AbstractPlant:
 
     def harden(part: object) -> object:
         if isinstance(part, AbstractFriction):
-            return eqx.tree_at(lambda f: f.v_eps, part, jnp.asarray(1e-15))
+            return eqx.tree_at(lambda f: f.v_eps, part, jnp.asarray(1e-15, dtype=float))
         return part
 
     return jax.tree.map(harden, plant, is_leaf=lambda part: isinstance(part, AbstractFriction))

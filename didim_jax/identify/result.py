@@ -56,9 +56,9 @@ class IdentificationResult:
 
     @property
     def rel_std(self) -> np.ndarray:
-        """Relative standard deviation, percent: 100 std / abs(theta). References: paper, eq. 15."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return 100 * self.std / np.abs(self.theta)
+        """Relative standard deviation, percent: 100 std / abs(theta), NaN for a theta of zero. References: eq. 15."""
+        zero = np.abs(self.theta) <= 1e-9 * self.std  # or rounding of one
+        return 100 * self.std / np.where(zero, np.nan, np.abs(self.theta))
 
     @property
     def condition_number(self) -> float:

@@ -94,7 +94,7 @@ def trial(
     parameters far from the machine, where it makes the loop swing without bound and ends the iteration.
     """
     if np.max(np.abs(recording.vir)) < machine.drive.limit:
-        loop = eqx.tree_at(lambda a: a.chain.drive.limit, loop, jnp.asarray(jnp.inf))
+        loop = eqx.tree_at(lambda a: a.chain.drive.limit, loop, jnp.asarray(jnp.inf, dtype=float))
     start = first_state(recording, machine, loop)
     if at_rest:
         start = loop.start(float(recording.qm[0]), 0.0, machine.controller.sample_time)
