@@ -38,9 +38,10 @@ class LowPass:
         """The usual decimation filter (MATLAB's decimate): Chebyshev I, order 8, 0.05 dB, at 0.8 of the new Nyquist."""
         return cls(scipy.signal.cheby1(8, 0.05, 0.8 / factor, output="sos"))
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Forward and backward along the first axis, on the host."""
-        return scipy.signal.sosfiltfilt(self.sos, x, axis=0, padlen=self.padding)
+    def __call__(self, x: np.ndarray, odd: bool = True) -> np.ndarray:
+        """Forward and backward along the first axis, on the host; the ends continued by odd or by even reflection."""
+        padtype = "odd" if odd else "even"
+        return scipy.signal.sosfiltfilt(self.sos, x, axis=0, padtype=padtype, padlen=self.padding)
 
     @property
     def padding(self) -> int:
@@ -59,19 +60,25 @@ class Decimation:
     factor: int
     trim: int = 0
     """Samples dropped at both ends before filtering, where central differences and filters have edges."""
+    odd: bool = True
+    """Continue the ends by odd reflection, as SciPy and MATLAB do.
+
+    That reflects everything about the one first sample, whose noise is then not filtered at all; even reflection
+    averages it with the rest.
+    """
 
     @classmethod
     def at(cls, cutoff_hz: float, dt: float) -> "Decimation":
         """Butterworth of order 4 at the cutoff, then the highest factor whose Nyquist frequency is not below it.
 
-        White noise then leaves samples that are nearly independent, so eq. 13-14 hold.
+        White noise then leaves samples that are nearly independent, so eq. 13-14 hold. Even reflection at the ends.
         """
-        return cls(LowPass.butterworth(cutoff_hz, dt), max(1, int(0.5 / (cutoff_hz * dt) + 1e-9)))
+        return cls(LowPass.butterworth(cutoff_hz, dt), max(1, int(0.5 / (cutoff_hz * dt) + 1e-9)), odd=False)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Trim, filter and decimate along the first axis, on the host."""
         x = x[self.trim : len(x) - self.trim]
-        return self.low_pass(x)[:: self.factor]
+        return self.low_pass(x, self.odd)[:: self.factor]
 
     def traced(self) -> "TracedDecimation":
         """The same operation for use inside a jitted function; `trim` must be zero."""
@@ -79,7 +86,7 @@ class Decimation:
             raise ValueError("simulations are not trimmed: every sample counts.")
         sos = self.low_pass.sos
         return TracedDecimation(
-            jnp.asarray(sos), jnp.asarray(scipy.signal.sosfilt_zi(sos)), self.low_pass.padding, self.factor
+            jnp.asarray(sos), jnp.asarray(scipy.signal.sosfilt_zi(sos)), self.low_pass.padding, self.factor, self.odd
         )
 
 
@@ -90,12 +97,14 @@ class TracedDecimation(eqx.Module):
     zi: Array
     padding: int = eqx.field(static=True)
     factor: int = eqx.field(static=True)
+    odd: bool = eqx.field(static=True)
 
     @eqx.filter_jit
     def __call__(self, x: Traj) -> Array:
         p = self.padding
-        head = 2 * x[0] - x[p:0:-1]
-        tail = 2 * x[-1] - x[-2 : -p - 2 : -1]
+        head, tail = x[p:0:-1], x[-2 : -p - 2 : -1]
+        if self.odd:
+            head, tail = 2 * x[0] - head, 2 * x[-1] - tail
         y = jnp.concatenate([head, x, tail])
         y = self._pass(y, reverse=False)
         y = self._pass(y, reverse=True)
