@@ -46,8 +46,8 @@ def test_exact_columns_leave_nothing_after_one_iteration() -> None:
 
 def test_crossing_of_a_level() -> None:
     x = np.array([1.0, 2.0, 4.0])
-    assert crossing(x, np.array([0.0, 0.1, 0.3]), 0.2) == pytest.approx(3.0)
-    assert crossing(x, np.array([0.0, 0.1, 0.1]), 0.2) == 4.0
+    assert crossing(x, np.array([0.1, 0.1, 0.4]), 0.2) == pytest.approx(8**0.5)
+    assert crossing(x, np.array([0.1, 0.1, 0.1]), 0.2) == 4.0
     assert np.isnan(crossing(x, np.array([0.3, 0.1, 0.1]), 0.2))
     assert np.isnan(crossing(x, np.full(3, np.nan), 0.2))
 

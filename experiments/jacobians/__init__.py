@@ -1,0 +1,1 @@
+"""DIDIM's columns against the exact ones: when the approximation is good enough, and what exactness buys."""
