@@ -82,9 +82,16 @@ def _complaint(box: str) -> str:
 
 
 def _prepare() -> None:
-    """float64, and a cache of compiled programs, so that only the first run on a machine compiles."""
+    """float64, a cache of compiled programs so that only the first run on a machine compiles, LAPACK on one thread.
+
+    Its systems have a few columns here: threads of its own wait for each other and for JAX's, and make it slower.
+    """
     import jax
     import platformdirs
+    import scipy.linalg  # noqa: F401  # loaded, so that there is something to limit
+    import threadpoolctl
+
+    threadpoolctl.threadpool_limits(1, user_api="blas")
 
     jax.config.update("jax_enable_x64", True)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:

@@ -3,12 +3,6 @@
 python -m experiments.jacobians [--config configs/jacobians.toml] [--set key=value ...] [--quick] --out DIR
 """
 
-import os
-
-# Lanes use every core already. LAPACK threads besides, a team a lane, wait for each other at every QR: three times as
-# long on two free cores, ten times on busy ones. OpenBLAS reads this when NumPy loads it, so it comes first.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 from pathlib import Path
 
 import numpy as np
