@@ -14,8 +14,8 @@ from .plant import AbstractPlant
 from .recording import Recording
 from .simulate import AbstractLoop, ContinuousLoop, Excitation, SampledLoop, Start
 
-_START_SAMPLES = 5
-"""Samples whose straight line gives the first speed: long enough for an encoder's steps, short enough for a mode."""
+_START_SAMPLES = 15
+"""Samples whose parabola gives the first speed: long enough for an encoder's steps, short enough for a mode."""
 
 
 def sampled_loop(
@@ -49,8 +49,11 @@ def excitation(recording: Recording, machine: Machine) -> Excitation:
 
 
 def first_state(recording: Recording, machine: Machine, loop: AbstractLoop) -> Start:
-    """Start of a record, from its own samples: position qm[0] (m), speed (m/s) of the line through the first five."""
-    dt = machine.controller.sample_time
+    """Start of a record, from its own samples: position qm[0] (m) and first speed."""
+    return loop.start(recording.qm[0], first_speed(recording, machine), machine.controller.sample_time)
+
+
+def first_speed(recording: Recording, machine: Machine) -> float:
+    """Speed (m/s) at the first sample: the slope there of a parabola through the first 15 positions."""
     head = recording.qm[:_START_SAMPLES]
-    speed = np.polyfit(dt * np.arange(len(head)), head, 1)[0]
-    return loop.start(recording.qm[0], speed, dt)
+    return float(np.polyfit(machine.controller.sample_time * np.arange(len(head)), head, 2)[1])

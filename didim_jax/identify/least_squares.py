@@ -188,22 +188,35 @@ def iterate(
             reason = f"not converged after {iterations} iterations"
             break
         iterations += 1
-        change = float(relative_change(parametrisation, z, state.y_eval, n_x))
-        if accepted and change < stopping.tolerance and float(steepness(residual, jacobian)) < FLAT:
-            converged, reason = True, f"every parameter changes by less than {100 * stopping.tolerance:g} %"
-        elif not accepted and change < 1e-12:
+        change = unsettled(parametrisation, z, state.y_eval, n_x, residual, jacobian, stopping.tolerance)
+        if accepted and change < 1 and steepness(residual, jacobian) < FLAT:
+            converged = True
+            reason = f"every parameter changes by less than {100 * stopping.tolerance:g} %, or a hundredth of its std"
+        elif not accepted and jnp.max(jnp.abs(state.y_eval - z)) < 1e-12:
             reason = "no step decreases the criterion any further"
             break
     return describe(method, problem, z, r, J, converged, reason, iterations, simulations, trace, costs)
 
 
-def relative_change(parametrisation: AbstractParametrisation, z: Array, proposed: Array, n_x: int) -> Array:
-    """Largest relative change of a parameter; of an initial state, in its typical size, where there is no parameter."""
+def unsettled(
+    parametrisation: AbstractParametrisation, z: Array, proposed: Array, n_x: int, r: Array, J: Array, tolerance: float
+) -> Array:
+    """Largest change of a parameter, in units of what may be neglected: settled below 1.
+
+    What may be neglected is `tolerance` of the parameter itself, or a hundredth of its standard deviation where that is
+    more: a parameter that is zero but for noise never settles relative to itself. Where there is no parameter it is
+    `tolerance` of an initial state's typical size.
+    """
     if n_x == 0:
-        return jnp.max(jnp.abs(proposed - z), initial=0.0)
+        return jnp.max(jnp.abs(proposed - z), initial=0.0) / tolerance
     before, after = parametrisation.decode(z[:n_x]), parametrisation.decode(proposed[:n_x])
-    one_tenth = jnp.abs(parametrisation.decode(0.1 * jnp.ones(n_x)))  # a parameter may well be zero
-    return jnp.max(jnp.abs(after - before) / jnp.maximum(jnp.abs(after), one_tenth))
+    moved = jnp.abs(after - before)
+    R = jnp.linalg.qr(J, mode="r")
+    inverse = jax.scipy.linalg.solve_triangular(R, jnp.eye(len(z)))
+    std = jnp.sqrt(jnp.sum(inverse**2, axis=1) * (r @ r) / (len(r) - len(z)))[:n_x]  # of x
+    by_size = moved / (tolerance * jnp.maximum(jnp.abs(after), 1e-300))
+    by_std = jnp.abs(proposed - z)[:n_x] / (0.01 * jnp.maximum(std, 1e-300))
+    return jnp.max(jnp.minimum(by_size, by_std))
 
 
 FLAT = 0.01

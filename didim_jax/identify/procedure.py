@@ -9,11 +9,12 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..errors import InputError
-from ..hygiene import admit
+from ..hygiene import Finding, admit
 from ..machine import Machine
 from ..params import select
 from ..plant import FlexibleDrive, RigidDrive
 from ..recording import Recording
+from ..rig import first_speed
 from ..statistics import Spread
 from .case import Case, Progress, with_choices
 from .didim import didim
@@ -39,7 +40,8 @@ def identify(
     """Identify one machine from one or more records of it.
 
     `say` is told, before anything is fitted, what the records can give. The check record is simulated once, at the end,
-    with the drive as identified on the others; only its initial state is fitted to it.
+    with the drive as identified on the others; only its initial state, and the scale
+    of a known injected signal, are taken from it.
 
     Raises InputError, one line, on a record that cannot be used and on choices that contradict each other.
     """
@@ -47,6 +49,8 @@ def identify(
     choices = settle(choices)
     every = [*recordings, *([check] if check else [])]
     findings = tuple((record.label, finding) for record in every for finding in admit(record, machine))
+    if choices.at_rest:
+        findings += tuple((record.label, found) for record in every for found in _moving(record, machine))
     _refuse_repeated(every)
     _refuse_band(choices, machine, every)
     if choices.method is Method.IDIM_LS and choices.model == "flexible":
@@ -66,6 +70,15 @@ def identify(
         runs = tuple(run(case, record, drive) for record in recordings) if finite else ()
         checked = run(case, check, drive) if check and finite else None
     return Study(machine, result, runs, checked, findings, said, _settings(choices), seconds)
+
+
+def _moving(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
+    """What to say of a record that is taken to start at rest and does not."""
+    speed = first_speed(recording, machine)
+    if abs(speed) < 2e-3:  # no encoder's steps would give more to a machine at rest
+        return ()
+    text = f"starts at {1e3 * speed:.3g} mm/s but is simulated from rest, as asked: leave out --at-rest."
+    return (Finding("start", text),)
 
 
 def settle(choices: Choices) -> Choices:

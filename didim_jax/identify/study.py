@@ -41,7 +41,8 @@ class Run:
 class Study:
     """One identification: what went in, what was found odd in it, what came out, and how it simulates each record.
 
-    `check` is a record that took no part in the fit: only its initial state was fitted to it.
+    `check` is a record that took no part in the fit: only its initial state, and the volts per unit of a known injected
+    signal, were taken from it.
     `settings` are the choices that were made, name to value; `seconds` the time each part took.
     """
 
@@ -72,7 +73,10 @@ def force_error(tau: np.ndarray, simulated: np.ndarray, dt: float) -> float:
 
 
 def run(case: Case, recording: Recording, plant: AbstractPlant) -> Run:
-    """Simulate one record with a drive that stays as it is; only the record's own initial state is fitted to it."""
+    """Simulate one record with a drive that stays as it is; only the record's own initial state is fitted to it.
+
+    The scale of a known injected signal is the record's too: `hygiene.injected_scale` finds it from the control law.
+    """
     machine, at_rest = case.machine, case.choices.at_rest
     dt = machine.controller.sample_time
     one = trial(recording, machine, sampled_loop(machine, plant), Decimation.at(ERROR_HZ, dt), at_rest=at_rest)

@@ -75,16 +75,27 @@ def outcome(result: IdentificationResult) -> str:
     return f"{state} ({work}): {reason}"
 
 
+POOR = 0.3
+"""A fit that leaves more of its signal than this explains it badly, converged or not."""
+
+
 def cautions(result: IdentificationResult) -> list[str]:
-    """What a reader must know before believing the numbers: an earlier step that explained the same signal better."""
+    """What a reader must know before believing the numbers: what is not explained, or was explained better before."""
+    said = []
+    if result.relative_error > POOR:
+        said.append(
+            f"The model leaves {percent(result.relative_error)} of the signal it was fitted to: it is not this "
+            "machine's, or the iteration ended in the wrong place, and the standard deviations say nothing of that."
+        )
     for number, step in enumerate(result.steps, start=1):
         if _same_signal(step, result) and step.relative_error < result.relative_error:
-            return [
+            said.append(
                 f"Step {number} ({step.method}) left {percent(step.relative_error)} of the same signal, the last "
                 f"step {percent(result.relative_error)}: the estimates may be further off than their standard "
                 "deviations say."
-            ]
-    return []
+            )
+            break
+    return said
 
 
 def _same_signal(a: IdentificationResult, b: IdentificationResult) -> bool:

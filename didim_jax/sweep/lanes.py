@@ -6,7 +6,9 @@ every device that JAX has.
 """
 
 import enum
+import queue
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -74,20 +76,39 @@ def nelder_mead_lanes(
 def _over(
     lane: Callable[..., Lanes], shared: tuple, starts: np.ndarray, observed: np.ndarray | None, batch: int
 ) -> Lanes:
-    """Run a lane for every start: a share of them on each device, batch by batch there."""
-    parts = []
-    for device, rows in zip(jax.devices(), np.array_split(np.arange(len(starts)), len(jax.devices())), strict=True):
-        if len(rows):
-            own = None if observed is None else observed[rows]
-            there = jax.device_put((eqx.filter(shared, eqx.is_array), starts[rows], own), device)
-            # Calls return before they are done, so that the devices work at the same time.
-            parts.append(_run(lane, eqx.combine(there[0], shared), there[1], there[2], batch))
-    return jax.tree.map(lambda *p: np.concatenate([np.asarray(a) for a in p]), *parts)
+    """Run a lane for every start, batch by batch; each device takes the next batch as soon as it is free.
+
+    All batches have one size (the last is filled up), so that one compiled program serves sweeps of every length.
+    """
+    devices = jax.devices()
+    n = len(starts)
+    batch = max(1, min(batch, -(-n // len(devices))))
+    waiting: queue.SimpleQueue[np.ndarray] = queue.SimpleQueue()
+    for first in range(0, n, batch):
+        waiting.put(np.arange(first, min(first + batch, n)))
+
+    def work(device: jax.Device) -> list[tuple[np.ndarray, Lanes]]:
+        there = eqx.combine(jax.device_put(eqx.filter(shared, eqx.is_array), device), shared)
+        done: list[tuple[np.ndarray, Lanes]] = []
+        while True:
+            try:
+                rows = waiting.get_nowait()
+            except queue.Empty:
+                return done
+            filled = np.pad(rows, (0, batch - len(rows)), mode="edge")
+            own = None if observed is None else observed[filled]
+            end = _run(lane, there, *jax.device_put((starts[filled], own), device))
+            done.append((rows, jax.tree.map(lambda a, k=rows.size: np.asarray(a)[:k], end)))
+
+    with ThreadPoolExecutor(len(devices)) as pool:
+        parts = [part for share in pool.map(work, devices) for part in share]
+    parts.sort(key=lambda part: part[0][0])
+    return jax.tree.map(lambda *p: np.concatenate(p), *(part for _, part in parts))
 
 
 @eqx.filter_jit
-def _run(lane: Callable[..., Lanes], shared: tuple, starts: Array, observed: Array | None, batch: int) -> Lanes:
-    return jax.lax.map(lambda one: lane(*shared, *one), (starts, observed), batch_size=batch)
+def _run(lane: Callable[..., Lanes], shared: tuple, starts: Array, observed: Array | None) -> Lanes:
+    return jax.vmap(lambda *one: lane(*shared, *one))(starts, observed)
 
 
 def _with_observed(problem: Problem, observed: Array | None) -> Problem:
@@ -118,18 +139,22 @@ def _least_squares_lane(
     def step(now: _Running) -> _Running:
         z, state, r, J = ls.step(solver, now.z, problem, columns, eqx.combine(now.state, rest))
         cost = jnp.linalg.norm(r) / _norm(problem)
+        taken = now.n_iterations
         lost = ~(jnp.isfinite(r).all() & jnp.isfinite(J).all() & (cost < ls.DIVERGED))
         accepted = state.num_steps_since_acceptance == 0
-        small = ls.relative_change(parametrisation, z, state.y_eval, n_x) < stopping.tolerance
-        still = jnp.abs(cost - now.cost) <= stopping.cost_tolerance * now.cost  # eq. 21, absolute
-        done = accepted & ((small & (ls.steepness(r, J) < ls.FLAT)) | still)
-        n = now.n_iterations + 1
+        # Eq. 21, absolute; there is nothing to compare the first cost with.
+        still = accepted & (taken > 0) & (jnp.abs(cost - now.cost) <= stopping.cost_tolerance * now.cost)
+        last = still | (taken == stopping.max_iterations)
+        change = ls.unsettled(parametrisation, z, state.y_eval, n_x, r, J, stopping.tolerance)
+        small = accepted & (change < 1) & (ls.steepness(r, J) < ls.FLAT) & ~last
+        stuck = ~accepted & (jnp.max(jnp.abs(state.y_eval - z)) < 1e-12)  # no step decreases the criterion any further
         ended = jnp.where(
             lost,
             Ended.DIVERGED,
-            jnp.where(done, Ended.CONVERGED, jnp.where(n >= stopping.max_iterations, Ended.EXHAUSTED, Ended.NOT_RUN)),
+            jnp.where(still | small, Ended.CONVERGED, jnp.where(last | stuck, Ended.EXHAUSTED, Ended.NOT_RUN)),
         )
-        return _Running(z, eqx.filter(state, eqx.is_array), jnp.where(done & small, state.y_eval, z), cost, n, ended)
+        n = jnp.where(lost | last, taken, taken + 1)
+        return _Running(z, eqx.filter(state, eqx.is_array), jnp.where(small, state.y_eval, z), cost, n, ended)
 
     begin = _Running(z0, arrays, z0, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.asarray(Ended.NOT_RUN.value))
     end = jax.lax.while_loop(lambda now: now.ended == Ended.NOT_RUN.value, step, begin)
@@ -139,7 +164,7 @@ def _least_squares_lane(
 def _nelder_mead_lane(problem: Problem, stopping: Stopping, theta0: Array, observed: Array | None) -> Lanes:
     problem = _with_observed(problem, observed)
     parametrisation = problem[0]
-    state0, _ = simplex.step(problem, simplex.first_state(simplex.first_simplex(parametrisation, theta0), problem))
+    state0 = simplex.first_state(simplex.first_simplex(parametrisation, theta0), problem)
     arrays, rest = eqx.partition(state0, eqx.is_array)
 
     def step(now: tuple[PyTree, Array, Array]) -> tuple[PyTree, Array, Array]:
@@ -147,7 +172,7 @@ def _nelder_mead_lane(problem: Problem, stopping: Stopping, theta0: Array, obser
         apart, uneven = simplex.unevenness(parametrisation, state)
         n = now[1] + 1
         lost = ~jnp.isfinite(jnp.min(state.f_simplex))
-        done = (apart < stopping.tolerance) & (uneven < stopping.cost_tolerance)
+        done = (n > 0) & (apart < stopping.tolerance) & (uneven < stopping.cost_tolerance)
         ended = jnp.where(
             lost,
             Ended.DIVERGED,
@@ -155,8 +180,7 @@ def _nelder_mead_lane(problem: Problem, stopping: Stopping, theta0: Array, obser
         )
         return eqx.filter(state, eqx.is_array), n, ended
 
-    hopeless = jnp.where(jnp.isfinite(jnp.min(state0.f_simplex)), Ended.NOT_RUN.value, Ended.DIVERGED.value)
-    begin = (arrays, jnp.asarray(0), hopeless)
+    begin = (arrays, jnp.asarray(-1), jnp.asarray(Ended.NOT_RUN.value))  # the first step only evaluates the simplex
     last, n, ended = jax.lax.while_loop(lambda now: now[2] == Ended.NOT_RUN.value, step, begin)
     state = eqx.combine(last, rest)
     best = jnp.argmin(state.f_simplex)

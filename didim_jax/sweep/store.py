@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from .lanes import Ended, Lanes
+
+_VARIABLES = {"start", "theta", "cost", "n_iterations", "ended"}
 
 
 def sweep(
@@ -36,7 +39,7 @@ def sweep(
     digest = hashlib.sha256(json.dumps([dict(key), starts.tolist()], sort_keys=True, default=str).encode()).hexdigest()
     if not _continues(store, digest):
         _begin(store, starts, parameters, digest, min(chunk, n))
-    done = xr.open_zarr(store)["ended"].values != Ended.NOT_RUN
+    done = _open(store)["ended"].values != Ended.NOT_RUN
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
         task = progress.add_task(title, total=n, completed=int(done.sum()))
@@ -54,23 +57,33 @@ def sweep(
                     "ended": ("lane", np.asarray(lanes.ended)),
                 }
             )
-            part.to_zarr(store, region={"lane": rows})
+            part.to_zarr(store, region={"lane": rows}, consolidated=False)
             progress.advance(task, rows.stop - rows.start)
-    return xr.open_zarr(store).load()
+    return _open(store).load()
+
+
+def _open(store: Path) -> xr.Dataset:
+    return xr.open_zarr(store, consolidated=False)
 
 
 def _continues(store: Path, digest: str) -> bool:
     if not store.exists():
         return False
     try:
-        return xr.open_zarr(store).attrs.get("digest") == digest
-    except (OSError, ValueError, KeyError):  # a store whose beginning was killed
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # zarr warns of what it does not know; then the store is begun anew
+            held = _open(store)
+        return held.attrs.get("digest") == digest and set(held) >= _VARIABLES
+    except (OSError, ValueError, KeyError):  # not a store, or a broken one
         return False
 
 
 def _begin(store: Path, starts: np.ndarray, parameters: tuple[str, ...], digest: str, chunk: int) -> None:
-    if store.exists():
-        shutil.rmtree(store)
+    """Make the empty store beside its place and move it there whole: a killed beginning leaves nothing half made."""
+    fresh = store.with_name(f".{store.name}-begun")
+    for old in (fresh, store):
+        if old.is_dir():
+            shutil.rmtree(old)
     n, k = starts.shape
     empty = xr.Dataset(
         {
@@ -84,4 +97,6 @@ def _begin(store: Path, starts: np.ndarray, parameters: tuple[str, ...], digest:
         attrs={"digest": digest, "ended": {e.name.lower(): e.value for e in Ended}},
     )
     encoding = {name: {"chunks": (chunk, *variable.shape[1:])} for name, variable in empty.data_vars.items()}
-    empty.to_zarr(store, mode="w", encoding=encoding)
+    fresh.parent.mkdir(parents=True, exist_ok=True)
+    empty.to_zarr(fresh, mode="w", encoding=encoding, consolidated=False)
+    fresh.rename(store)
