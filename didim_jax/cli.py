@@ -8,11 +8,13 @@ import functools
 import io
 import os
 import re
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -39,14 +41,25 @@ def program() -> Iterator[None]:
 
     An interrupted one ends without a word and with the shell's status for it, 130.
     """
+    asked: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, stop)
     try:
         _prepare()
         yield
     except InputError as error:
         print(f"didim: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except BaseException as error:
+        if asked or isinstance(error, KeyboardInterrupt):  # a compiler that is interrupted raises something of its own
+            sys.exit(130)
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _parsed(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:

@@ -9,8 +9,14 @@ TWIN = ROOT / "configs" / "twin"
 """The synthetic twin of the paper's machine: machine, plants, references."""
 
 
+EMPS_RECORDS = ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
+
+EMPS_MACHINE = ROOT / "configs" / "emps" / "machine.toml"
+"""What is documented of the EMPS; the public data set has no such file."""
+
+
 def emps_folder() -> Path | None:
     """Folder of the real EMPS records: `$DIDIM_DATA/emps`, else `../shared/data/emps`; None where they are not."""
     data = Path(os.environ["DIDIM_DATA"]) if "DIDIM_DATA" in os.environ else ROOT.parent / "shared" / "data"
     folder = data / "emps"
-    return folder if (folder / "DATA_EMPS.mat").is_file() and (folder / "machine.toml").is_file() else None
+    return folder if all((folder / name).is_file() for name in EMPS_RECORDS) else None

@@ -10,7 +10,7 @@ import tyro
 
 from didim_jax.cli import identify, program, simulate
 
-from .data import TWIN, emps_folder
+from .data import EMPS_MACHINE, TWIN, emps_folder
 
 
 def main(out: Path = Path("runs/first")) -> None:
@@ -26,7 +26,7 @@ def main(out: Path = Path("runs/first")) -> None:
         )
         identify(
             (emps / "DATA_EMPS.mat",),
-            machine=emps / "machine.toml",
+            machine=EMPS_MACHINE,
             friction="asymmetric",
             method="gauss-newton",
             check=emps / "DATA_EMPS_PULSES.mat",

@@ -52,7 +52,7 @@ from didim_jax.signals import Decimation, LowPass
 from didim_jax.simulate import Excitation, simulate
 from didim_jax.synthesize import synthesize
 
-from .data import ROOT, TWIN, emps_folder
+from .data import EMPS_MACHINE, ROOT, TWIN, emps_folder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,9 +114,7 @@ def idim_ls_figures(emps: Path) -> Iterator[Figure]:
 
 def didim_figures(emps: Path) -> Iterator[Figure]:
     """Rigid DIDIM from 50 starts of the rough mass."""
-    case = Case(
-        (load_recording(emps / "DATA_EMPS.mat"),), Machine.load(emps / "machine.toml"), settle(Choices("rigid"))
-    )
+    case = Case((load_recording(emps / "DATA_EMPS.mat"),), Machine.load(EMPS_MACHINE), settle(Choices("rigid")))
     results = []
     for mass in np.geomspace(25.0, 1000.0, 50):
         start = RigidDrive(float(mass), CoulombViscous(0.0, 0.0))
@@ -135,7 +133,7 @@ def didim_figures(emps: Path) -> Iterator[Figure]:
 
 def closed_loop_figures(emps: Path) -> Iterator[Figure]:
     """Closed-loop force error of every method, fitted on DATA_EMPS; PULSES is simulated once with each drive."""
-    machine = Machine.load(emps / "machine.toml")
+    machine = Machine.load(EMPS_MACHINE)
     fit, check = load_recording(emps / "DATA_EMPS.mat"), load_recording(emps / "DATA_EMPS_PULSES.mat")
     for asymmetric, limits in ((False, (4.4, 5.0)), (True, (3.4, 4.3))):
         for method in (Method.GAUSS_NEWTON, Method.DIDIM):
@@ -272,7 +270,7 @@ def time_figures(emps: Path) -> Iterator[Figure]:
     """A fresh process, with an empty cache of compiled programs and then with a full one."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "didim_jax", "identify", str(emps / "DATA_EMPS.mat")]
-        command += ["--machine", str(emps / "machine.toml"), "--out", f"{folder}/out"]
+        command += ["--machine", str(EMPS_MACHINE), "--out", f"{folder}/out"]
         environment = {"JAX_COMPILATION_CACHE_DIR": f"{folder}/cache", "PATH": "/usr/bin:/bin"}
         for what, limit in (("nothing cached", 20.0), ("afterwards", 8.0)):
             begin = time.perf_counter()

@@ -1,0 +1,1 @@
+"""Study `robustness`: from which starts, and under which mistakes, does each method still end at the machine?"""
