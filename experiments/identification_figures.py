@@ -219,9 +219,10 @@ def twin_figures(draws: int) -> Iterator[Figure]:
         for kind, ratio in stated.items():
             yield Figure(
                 f"twin, noise {where}: std ({kind}) over the spread of {draws} draws",
-                "0.8 to 1.2" if kind == "autocorrelated" else "as it is",
+                "0.8 to 1.2 for the seven" if kind == "autocorrelated" else "as it is",
                 ", ".join(f"{n} {r:.2f}" for n, r in zip(one.names, ratio, strict=True)),
-                kind != "autocorrelated" or bool(np.all((ratio > 0.8) & (ratio < 1.2))),
+                # the seven of the paper; the offset, which it does not have, is shown with them
+                kind != "autocorrelated" or bool(np.all((ratio[:7] > 0.8) & (ratio[:7] < 1.2))),
             )
         yield Figure(
             f"twin, noise {where}: mean error over the spread",
@@ -271,7 +272,7 @@ def time_figures(emps: Path) -> Iterator[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "didim_jax", "identify", str(emps / "DATA_EMPS.mat")]
         command += ["--machine", str(EMPS_MACHINE), "--out", f"{folder}/out"]
-        environment = {"JAX_COMPILATION_CACHE_DIR": f"{folder}/cache", "PATH": "/usr/bin:/bin"}
+        environment = {"HOME": folder, "PATH": "/usr/bin:/bin"}  # a user who has never run it before
         for what, limit in (("nothing cached", 20.0), ("afterwards", 8.0)):
             begin = time.perf_counter()
             subprocess.run(command, check=True, capture_output=True, cwd=ROOT, env=environment)
