@@ -9,8 +9,11 @@ from jax import Array
 
 from ._types import Scalar
 from .control import Drive
-from .effects import AbstractEffect, Block, Signals
+from .effects import SAMPLED, AbstractEffect, Block, Forces, Signals
 from .plant import AbstractPlant
+
+type _Changes = dict[int, Any]
+"""What changes of each effect's state, by its place in the chain."""
 
 
 class State(eqx.Module):
@@ -18,6 +21,15 @@ class State(eqx.Module):
 
     plant: Array
     effects: tuple[Any, ...]
+
+
+class Held(eqx.Module):
+    """What the drive holds until the next sample: its command (V), its force (N), since when and how long (s)."""
+
+    command: Array
+    force: Array
+    since: Scalar
+    dt: Scalar
 
 
 class Chain(eqx.Module):
@@ -31,48 +43,103 @@ class Chain(eqx.Module):
         """What effects see while the plant is at y and the drive holds `command` (V)."""
         q1, v1, q2, v2 = self.plant.sides(y)
         nothing = jnp.zeros_like(q1)
-        return Signals(q1, v1, q2, v2, self.plant.coupling_force(y), nothing + command, nothing)
+        deflection, stiffness = self.plant.elastic(y)
+        own = {}
+        for side, friction, v in zip("12", self.plant.frictions(), (v1, v2), strict=True):
+            if friction is not None:
+                own[f"viscous{side}"], own[f"coulomb{side}"] = friction.split(v)
+                own[f"s{side}"] = jnp.tanh(v / friction.v_eps)
+        return Signals(
+            q1,
+            v1,
+            q2,
+            v2,
+            self.plant.coupling_force(y),
+            nothing + command,
+            nothing,
+            deflection=deflection,
+            stiffness=stiffness,
+            gain=self.drive.gain,
+            **own,
+        )
 
-    def init(self, y: Array) -> State:
-        """State at a first sample, every effect at the state that suits the motion there."""
-        signals = self.signals(y, 0.0)
+    def init(self, y: Array, command: Scalar = 0.0) -> State:
+        """State at a first sample, every effect at the state that suits the motion and the command (V) there."""
+        signals = self.signals(y, command)
+        signals = eqx.tree_at(lambda s: s.force, signals, self.drive(signals.command))
         return State(y, tuple(effect.init(signals) for effect in self.effects))
 
     def along(
         self, block: Block, t: Array, states: tuple[Any, ...], signals: Signals, incoming: Scalar
-    ) -> tuple[Array, dict[int, Any]]:
-        """Pass a value through the effects of one block: what comes out, and each one's change by its place."""
+    ) -> tuple[Array, _Changes]:
+        """Pass a value through the effects of one block that acts once per sample: what comes out, and each new state.
+
+        For the actuator these are its `sampled` effects.
+        """
         value = jnp.zeros_like(signals.q1) + incoming
         changes = {}
         for place, effect in enumerate(self.effects):
-            if effect.block is block:
+            if effect.block is block and (effect.sampled or block in SAMPLED):
                 here = eqx.tree_at(lambda s: s.incoming, signals, value)
                 contribution, changes[place] = effect(t, states[place], here)
                 value = value + contribution
         return value, changes
 
-    def force(self, t: Array, state: State, command: Array) -> Array:
-        """Motor force (N) that reaches the plant while the drive holds `command` (V): the drive's, then its effects."""
+    def hold(self, t: Array, state: State, command: Array, dt: Scalar) -> tuple[Held, _Changes]:
+        """What the drive makes of a command (V) for one sample from t on."""
         signals = self.signals(state.plant, command)
-        return self.along(Block.ACTUATOR, t, state.effects, signals, self.drive(command))[0]
+        signals = eqx.tree_at(lambda s: (s.held_since, s.dt), signals, (t, dt), is_leaf=lambda x: x is None)
+        force, changes = self.along(Block.ACTUATOR, t, state.effects, signals, self.drive(command))
+        return Held(command, force, t, dt), changes
 
-    def derivative(self, t: Array, state: State, command: Array) -> State:
-        """d(state)/dt while the drive holds `command` (V). Effects that act once per sample stand still."""
-        signals = self.signals(state.plant, command)
+    def _mechanics(self, t: Array, state: State, held: Held) -> tuple[Array, Forces, _Changes]:
+        """(motor force in N, what effects add to the mechanics, dx/dt of each effect that acts at every instant)."""
+        signals = self.signals(state.plant, held.command)
+        signals = eqx.tree_at(
+            lambda s: (s.held_since, s.dt, s.force), signals, (held.since, held.dt, held.force)
+        )
+        tau, total = held.force, Forces()
         rates = {}
+        for place, effect in enumerate(self.effects):
+            if effect.block in SAMPLED or effect.sampled:
+                continue
+            here = eqx.tree_at(lambda s: s.incoming, signals, tau)
+            made, rates[place] = effect(t, state.effects[place], here)
+            if effect.block is Block.ACTUATOR:
+                tau = tau + made
+            else:
+                made = made if isinstance(made, Forces) else _on(effect.block, made)
+                total = jax.tree.map(lambda a, b: a + b, total, made)
+        return tau, total, rates
 
-        def through(block: Block, incoming: Scalar = 0.0) -> Array:
-            value, changes = self.along(block, t, state.effects, signals, incoming)
-            rates.update(changes)
-            return value
+    def force(self, t: Array, state: State, held: Held) -> Array:
+        """Motor force (N) that reaches the plant: the drive's, then that of effects in the actuator."""
+        return self._mechanics(t, state, held)[0]
 
+    def derivative(self, t: Array, state: State, held: Held) -> State:
+        """d(state)/dt while the drive holds a command. Effects that act once per sample stand still."""
+        tau, total, rates = self._mechanics(t, state, held)
         dy = self.plant.vector_field(
             state.plant,
-            through(Block.ACTUATOR, self.drive(command)),
-            on_motor=through(Block.MOTOR_SIDE),
-            on_coupling=through(Block.COUPLING),
-            on_load=through(Block.LOAD_SIDE) + through(Block.ENVIRONMENT),
-            frame=through(Block.BASE),
+            tau,
+            on_motor=total.motor,
+            on_coupling=total.coupling,
+            on_load=total.load,
+            frame=total.frame,
+            payload=total.payload,
         )
         still = jax.tree.map(jnp.zeros_like, state.effects)
         return State(dy, tuple(rates.get(place, x) for place, x in enumerate(still)))
+
+
+def _on(block: Block, value: Array) -> Forces:
+    """A bare contribution as what it means on its block."""
+    match block:
+        case Block.MOTOR_SIDE:
+            return Forces(motor=value)
+        case Block.COUPLING:
+            return Forces(coupling=value)
+        case Block.BASE:
+            return Forces(frame=value)
+        case _:
+            return Forces(load=value)

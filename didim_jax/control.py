@@ -37,6 +37,10 @@ class AbstractSampledController(eqx.Module):
     def __call__(self, memory: Array, qg: Array, qm: Array, dt: Scalar) -> tuple[Array, Array]:
         """(vir in V, next memory) from the reference and the measured position (m)."""
 
+    @abc.abstractmethod
+    def terms(self, memory: Array, qg: Array, qm: Array, dt: Scalar) -> tuple[Array, Array]:
+        """The terms of vir (V) that come of position and of velocity; zeros for a law that has no such parts."""
+
 
 class SampledPD(AbstractSampledController):
     """vir[k] = kv (kp (qg[k] - qm[k]) - dq[k]), dq[k] = (qm[k] - qm[k-2]) / (2 dt): PD with a two-sample velocity.
@@ -59,6 +63,9 @@ class SampledPD(AbstractSampledController):
         dq = (qm - memory[1]) / (2 * dt)
         return self.kv * (self.kp * (qg - qm) - dq), jnp.stack([qm, memory[0]])
 
+    def terms(self, memory: Array, qg: Array, qm: Array, dt: Scalar) -> tuple[Array, Array]:
+        return self.kv * self.kp * (qg - qm), -self.kv * (qm - memory[1]) / (2 * dt)
+
 
 class ContinuousPD(eqx.Module):
     """vir = kv (kp (qg - q) - v): the same law at every instant, as in the paper."""
@@ -68,3 +75,7 @@ class ContinuousPD(eqx.Module):
 
     def __call__(self, qg: Array, q: Array, v: Array) -> Array:
         return self.kv * (self.kp * (qg - q) - v)
+
+    def terms(self, qg: Array, q: Array, v: Array) -> tuple[Array, Array]:
+        """The terms of vir (V) that come of position and of velocity."""
+        return self.kv * self.kp * (qg - q), -self.kv * v

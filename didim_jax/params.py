@@ -6,6 +6,7 @@ motor side gives `Fv1`, `Fc1`, or `Fv1_pos` where the friction law is asymmetric
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -19,13 +20,15 @@ from ._types import Scalar, Theta
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """One physical parameter: its name, SI unit, whether it must stay positive, and its typical size."""
+    """One physical parameter: its name, SI unit, whether it must stay positive, its typical size and its range."""
 
     name: str
     unit: str
     positive: bool
     scale: float
     path: tuple[str, ...]
+    lower: float = -math.inf
+    upper: float = math.inf
 
 
 def _scalar(value: Scalar) -> Array:
@@ -34,9 +37,20 @@ def _scalar(value: Scalar) -> Array:
     return value
 
 
-def param(unit: str, *, positive: bool = False, scale: float = 1.0, **kwargs: Any) -> Any:
-    """Declare a parameter: an array leaf with a unit and a typical size; `positive` ones are fitted as logarithms."""
-    metadata = {"unit": unit, "positive": positive, "scale": scale}
+def param(
+    unit: str,
+    *,
+    positive: bool = False,
+    scale: float = 1.0,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    **kwargs: Any,
+) -> Any:
+    """Declare a parameter: an array leaf with a unit, a typical size and the range in which it makes sense.
+
+    `positive` ones are fitted as logarithms.
+    """
+    metadata = {"unit": unit, "positive": positive, "scale": scale, "lower": lower, "upper": upper}
     return eqx.field(converter=_scalar, metadata={"param": metadata}, **kwargs)
 
 

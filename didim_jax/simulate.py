@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Callable
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -11,9 +12,9 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from ._types import Scalar, Traj
-from .chain import Chain, State
+from .chain import Chain, Held, State
 from .control import AbstractSampledController, ContinuousPD
-from .effects import SAMPLED, Block
+from .effects import Block, acts_once_per_sample
 from .plant import Axis
 from .solver import Unrolled
 
@@ -92,13 +93,14 @@ class AbstractLoop(eqx.Module):
         """Simulate; use `simulate` to have it compiled once per shape."""
 
     def _describe(
-        self, excitation: Excitation, states: State, qm: Array, vir: Array, result: dfx.RESULTS
+        self, excitation: Excitation, states: State, held: Held, qm: Array, result: dfx.RESULTS
     ) -> Simulation:
         t, chain = excitation.t, self.chain
         q1, v1, q2, v2 = jax.vmap(chain.plant.sides)(states.plant)
-        rates = jax.vmap(chain.derivative)(t, states, vir)
+        rates = jax.vmap(chain.derivative)(t, states, held)
         a1, a2 = jax.vmap(chain.plant.accelerations)(states.plant, rates.plant)
-        force = jax.vmap(chain.force)(t, states, vir)
+        force = jax.vmap(chain.force)(t, states, held)
+        vir = held.command
         return Simulation(t, Axis(q1, v1, a1), Axis(q2, v2, a2), qm, vir, chain.drive.gain * vir, force, result)
 
 
@@ -130,34 +132,63 @@ class SampledLoop(AbstractLoop):
     def run(self, excitation: Excitation, start: Start) -> Simulation:
         chain, dt = self.chain, excitation.dt
         first = chain.init(start.plant)
-        _, as_state = ravel_pytree(first)
-        term = _on_vectors(chain.derivative, as_state)
+        _, command, _ = self._command(first, start.memory, jnp.zeros(()), excitation.qg[0], excitation.injected[0], dt)
+        first = chain.init(start.plant, command)
+        still = tuple(acts_once_per_sample(effect) for effect in chain.effects)
+
+        def moving(state: State) -> tuple[Array, tuple[Any, ...]]:
+            return state.plant, tuple(() if s else x for s, x in zip(still, state.effects, strict=True))
+
+        flat, as_moving = ravel_pytree(moving(first))
+        size = flat.shape[0]
         h = dt / self.substeps
 
-        def hold(t: Array, state: State, vir: Array) -> State:
-            """One sample of motion under a held command."""
-            y = ravel_pytree(state)[0]
+        def hold(t: Array, state: State, held: Held) -> State:
+            """One sample of motion under what the drive holds; only what moves continuously is integrated."""
+
+            def as_state(y: Array) -> State:
+                plant, effects = as_moving(y)
+                whole = (x if s else e for s, x, e in zip(still, state.effects, effects, strict=True))
+                return State(plant, tuple(whole))
+
+            def field(ti: Array, y: tuple[Array, ...], args: None) -> tuple[Array, ...]:
+                dy = ravel_pytree(moving(chain.derivative(ti, as_state(jnp.stack(y)), held)))[0]
+                return tuple(dy[i] for i in range(size))
+
+            term = dfx.ODETerm(field)
+            start = ravel_pytree(moving(state))[0]
+            y = tuple(start[i] for i in range(size))  # scalars: the compiler then sees through every stack
             for i in range(self.substeps):
                 t0, t1 = t + i * h, t + (i + 1) * h
-                memo = self.solver.init(term, t0, t1, y, vir)
-                y, _, _, _, _ = self.solver.step(term, t0, t1, y, vir, memo, made_jump=True)
-            return as_state(y)
+                memo = self.solver.init(term, t0, t1, y, None)
+                y, _, _, _, _ = self.solver.step(term, t0, t1, y, None, memo, made_jump=True)
+            return as_state(jnp.stack(y))
 
-        def sample(carry: _Carry, now: tuple[Array, Array, Array]) -> tuple[_Carry, tuple[State, Array, Array]]:
+        def sample(carry: _Carry, now: tuple[Array, Array, Array]) -> tuple[_Carry, tuple[State, Held, Array]]:
             (state, memory), (t, qg, injected) = carry, now
-            signals = chain.signals(state.plant, 0.0)
-            qm, sensed = chain.along(Block.SENSOR, t, state.effects, signals, signals.q1)
-            law, memory = self.controller(memory, qg, qm, dt)
-            vir, commanded = chain.along(Block.CONTROLLER, t, state.effects, signals, law)
-            vir = vir + injected
-            changes = sensed | commanded
+            qm, vir, (memory, changes) = self._command(state, memory, t, qg, injected, dt)
+            held, driven = chain.hold(t, state, vir, dt)
+            changes |= driven
             state = State(state.plant, tuple(changes.get(i, x) for i, x in enumerate(state.effects)))
-            return (hold(t, state, vir), memory), (state, qm, vir)
+            return (hold(t, state, held), memory), (state, held, qm)
 
         inputs = (excitation.t, excitation.qg, excitation.injected)
-        _, (states, qm, vir) = jax.lax.scan(sample, (first, start.memory), inputs)
+        _, (states, held, qm) = jax.lax.scan(sample, (first, start.memory), inputs)
         done = dfx.RESULTS.successful  # an explicit fixed step always ends: the numbers tell whether it went well
-        return self._describe(excitation, states, qm, vir, done)  # type: ignore[arg-type]
+        return self._describe(excitation, states, held, qm, done)  # type: ignore[arg-type]
+
+    def _command(
+        self, state: State, memory: Array, t: Array, qg: Array, injected: Array, dt: Scalar
+    ) -> tuple[Array, Array, tuple[Array, dict[int, Any]]]:
+        """(qm in m, vir in V, (next memory, next states)) of one sample."""
+        signals = self.chain.signals(state.plant, 0.0)
+        signals = eqx.tree_at(lambda s: s.dt, signals, dt)
+        qm, sensed = self.chain.along(Block.SENSOR, t, state.effects, signals, signals.q1)
+        law, following = self.controller(memory, qg, qm, dt)
+        terms = self.controller.terms(memory, qg, qm, dt)
+        signals = eqx.tree_at(lambda s: (s.law_position, s.law_velocity), signals, terms)
+        vir, commanded = self.chain.along(Block.CONTROLLER, t, state.effects, signals, law)
+        return qm, vir + injected, (following, sensed | commanded)
 
 
 class ContinuousLoop(AbstractLoop):
@@ -189,19 +220,24 @@ class ContinuousLoop(AbstractLoop):
         first = chain.init(start.plant)
         y0, as_state = ravel_pytree(first)
         for effect, x in zip(chain.effects, first.effects, strict=True):
-            if effect.block in SAMPLED and jax.tree.leaves(x):
+            if acts_once_per_sample(effect) and jax.tree.leaves(x):
                 raise ValueError(f"{type(effect).__name__} keeps a state between samples: it needs a SampledLoop.")
 
         def command(ti: Array, state: State, qg: Array, injected: Array) -> tuple[Array, Array]:
             signals = chain.signals(state.plant, 0.0)
             qm, _ = chain.along(Block.SENSOR, ti, state.effects, signals, signals.q1)
             law = self.controller(qg, qm, signals.v1)
+            terms = self.controller.terms(qg, qm, signals.v1)
+            signals = eqx.tree_at(lambda s: (s.law_position, s.law_velocity), signals, terms)
             vir, _ = chain.along(Block.CONTROLLER, ti, state.effects, signals, law)
             return qm, vir + injected
 
         def field(ti: Array, state: State, args: None) -> State:
             qg, injected = reference.evaluate(ti)
-            return chain.derivative(ti, state, command(ti, state, qg, injected)[1])
+            return chain.derivative(ti, state, held(ti, state, command(ti, state, qg, injected)[1]))
+
+        def held(ti: Array, state: State, vir: Array) -> Held:
+            return chain.hold(ti, state, vir, excitation.dt)[0]
 
         n = excitation.qg.shape[0]
         solution = dfx.diffeqsolve(
@@ -219,7 +255,7 @@ class ContinuousLoop(AbstractLoop):
         assert solution.ys is not None
         states = jax.vmap(as_state)(solution.ys)
         qm, vir = jax.vmap(command)(t, states, excitation.qg, excitation.injected)
-        return self._describe(excitation, states, qm, vir, solution.result)
+        return self._describe(excitation, states, jax.vmap(held)(t, states, vir), qm, solution.result)
 
 
 @eqx.filter_jit

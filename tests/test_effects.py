@@ -436,8 +436,11 @@ def test_a_null_effect_changes_no_bit_of_the_model(plant, block):
     plain, chain = Chain(Drive(GAIN, 10.0), plant), Chain(Drive(GAIN, 10.0), plant, nulls(block))
     for y in rng.normal(size=(5, len(plant.state_names))) * np.array([0.1, 0.05, 1e-4, 1e-3])[: len(plant.state_names)]:
         t, vir = jnp.asarray(rng.uniform()), jnp.asarray(rng.normal())
-        one = plain.derivative(t, State(jnp.asarray(y), ()), vir)
-        two = chain.derivative(t, State(jnp.asarray(y), ((), (), ())), vir)
+        bare, attached = State(jnp.asarray(y), ()), State(jnp.asarray(y), ((), (), ()))
+        held = plain.hold(t, bare, vir, DT)[0]
+        one = plain.derivative(t, bare, held)
+        two = chain.derivative(t, attached, held)
+        np.testing.assert_array_equal(chain.hold(t, attached, vir, DT)[0].force, held.force)
         np.testing.assert_array_equal(one.plant, two.plant)
         signals = plain.signals(jnp.asarray(y), vir)
         np.testing.assert_array_equal(chain.along(block, t, ((), (), ()), signals, vir)[0], vir)

@@ -1,11 +1,16 @@
 """An effect: one term on one block of the loop, with its own state if it needs one, and nothing at its null."""
 
 import abc
+import dataclasses
 import enum
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
+
+from .._types import Scalar
 
 
 class Block(enum.Enum):
@@ -30,14 +35,16 @@ class Block(enum.Enum):
 
 
 SAMPLED = frozenset({Block.CONTROLLER, Block.SENSOR})
-"""Blocks that act once per controller sample; the others act at every instant."""
+"""Blocks that act once per controller sample; the others act at every instant unless an effect says otherwise."""
 
 
 class Signals(eqx.Module):
-    """What an effect may look at.
+    """What an effect may look at; what does not exist where it acts is zero.
 
     Positions (m) and velocities (m/s) of both sides, force of the coupling on the motor side (N), command held by the
-    drive (V), and the force (N) or position (m) that reaches this effect along the chain.
+    drive (V), and the force (N) or position (m) that reaches this effect along the chain. Then the plant's own
+    friction: smooth sign of each side's velocity, Coulomb and viscous part (N). Then the drive: its force (N), gain
+    (N/V), the sample's beginning and length (s). Then the control law's position and velocity terms (V).
     """
 
     q1: Array
@@ -47,21 +54,126 @@ class Signals(eqx.Module):
     coupling: Array
     command: Array
     incoming: Array
+    s1: Scalar = 0.0
+    s2: Scalar = 0.0
+    coulomb1: Scalar = 0.0
+    coulomb2: Scalar = 0.0
+    viscous1: Scalar = 0.0
+    viscous2: Scalar = 0.0
+    deflection: Scalar = 0.0
+    stiffness: Scalar = 0.0
+    force: Scalar = 0.0
+    gain: Scalar = 0.0
+    held_since: Scalar = 0.0
+    dt: Scalar = 0.0
+    law_position: Scalar = 0.0
+    law_velocity: Scalar = 0.0
+
+
+class Forces(eqx.Module):
+    """What an effect adds to the mechanics at one instant, when it acts on more than its own block.
+
+    N on the motor side, N in the coupling (on the motor side, taken from the load side), N on the load side, m/s2 of
+    the frame, kg on the load side.
+    """
+
+    motor: Scalar = 0.0
+    coupling: Scalar = 0.0
+    load: Scalar = 0.0
+    frame: Scalar = 0.0
+    payload: Scalar = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Bench:
+    """What is known before a diagnosis, for effects that need it: the machine's numbers and the record's ranges.
+
+    `lead` m per turn, `limit` V, `gain` N/V, `dt` s, stroke from `q_low` to `q_high` m, `duration` s, the recorded
+    `volts`, and `disturbance`: the force (N, per sample) on the axis that the nominal plant leaves unexplained.
+    """
+
+    lead: float = 0.0025
+    limit: float = np.inf
+    gain: float = 1.0
+    dt: float = 1e-3
+    q_low: float = 0.0
+    q_high: float = 0.1
+    duration: float = 10.0
+    volts: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
+    disturbance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
+
+    @property
+    def middle(self) -> float:
+        """Middle of the stroke, m."""
+        return 0.5 * (self.q_low + self.q_high)
+
+    @property
+    def half_stroke(self) -> float:
+        """Half of the stroke, m."""
+        return max(0.5 * (self.q_high - self.q_low), 1e-6)
+
+
+@dataclasses.dataclass(frozen=True)
+class Probe:
+    """A trial of an effect away from its null: the sizes that make it act, and the shape that they act with."""
+
+    sizes: Mapping[str, float]
+    shape: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    linear: bool = True
+    """Whether twice the size does about twice as much; a threshold does not, and is searched from the probe itself."""
 
 
 class AbstractEffect(eqx.Module):
-    """One term on one block of the loop; exactly nothing at its null."""
+    """One term on one block of the loop; exactly nothing at its null.
+
+    An instance with its default values is at its null. Class attributes say what a reader of a list wants to know:
+    `equation`, `size` to expect on an EMPS-like axis, `twins` that a motor-side record can hardly tell apart, `source`.
+    """
 
     block: eqx.AbstractClassVar[Block]
+    name: ClassVar[str] = ""
+    """Name in results; the class's own name in lower case unless given."""
+    equation: ClassVar[str] = ""
+    size: ClassVar[str] = ""
+    twins: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str] = ""
+    sampled: ClassVar[bool] = False
+    """Acts on the held command once per sample (ACTUATOR): exact, and cheaper than at every instant."""
+    own_to_record: ClassVar[tuple[str, ...]] = ()
+    """Parameters that another record of the same machine may have different: a phase lost at power-off, a clock."""
 
     def init(self, signals: Signals) -> Any:
         """Own state at the first sample: any tree of arrays; none by default."""
         return ()
 
     @abc.abstractmethod
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array | Forces, Any]:
         """(contribution, change of x) at time t (s).
 
-        The contribution's unit is the block's. The change is dx/dt for blocks that act at every instant, and the next x
-        for the controller and the sensor, which act once per sample.
+        The contribution's unit is the block's; an effect of the mechanics may return `Forces` instead. The change is
+        dx/dt for effects that act at every instant, and the next x for those that act once per sample: controller,
+        sensor, and `sampled` ones.
         """
+
+    @classmethod
+    def at(cls, bench: Bench) -> "AbstractEffect":
+        """The effect at its null on this machine; override it where a setting comes from the bench."""
+        return cls()
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        """Where to look for this effect: by default each parameter at its typical size, all others at the null."""
+        return tuple(
+            Probe({f.name: float(f.metadata["param"]["scale"])})
+            for f in dataclasses.fields(self)
+            if "param" in f.metadata
+        )
+
+    @classmethod
+    def label(cls) -> str:
+        """Name of the effect in results and on the command line."""
+        return cls.name or cls.__name__.lower()
+
+
+def acts_once_per_sample(effect: AbstractEffect) -> bool:
+    """Whether the effect's state moves from sample to sample instead of continuously."""
+    return effect.sampled or effect.block in SAMPLED

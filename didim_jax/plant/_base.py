@@ -6,6 +6,7 @@ import equinox as eqx
 from jax import Array
 
 from .._types import Scalar
+from .friction import AbstractFriction
 
 
 class Axis(eqx.Module):
@@ -43,8 +44,20 @@ class AbstractPlant(eqx.Module):
         on_coupling: Scalar = 0.0,
         on_load: Scalar = 0.0,
         frame: Scalar = 0.0,
+        payload: Scalar = 0.0,
     ) -> Array:
-        """dy/dt under the motor force tau, forces of effects on each block (N), and the frame's acceleration (m/s2)."""
+        """dy/dt under the motor force tau and what effects add.
+
+        Forces on each block (N), the frame's acceleration (m/s2), a mass on the load side (kg).
+        """
+
+    @abc.abstractmethod
+    def frictions(self) -> tuple[AbstractFriction | None, AbstractFriction | None]:
+        """Friction of the motor side and of the load side; None where that side has none of its own."""
+
+    @abc.abstractmethod
+    def elastic(self, y: Array) -> tuple[Array, Array]:
+        """Deflection of the coupling (m) and its stiffness (N/m); zeros for a plant without one."""
 
     @abc.abstractmethod
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:

@@ -48,13 +48,20 @@ class FlexibleDrive(AbstractPlant):
         on_coupling: Scalar = 0.0,
         on_load: Scalar = 0.0,
         frame: Scalar = 0.0,
+        payload: Scalar = 0.0,
     ) -> Array:
         """Equation 5."""
         _, v1, _, v2 = self.sides(y)
         F12 = self.coupling_force(y) + on_coupling
         a1 = (tau + on_motor - self.motor_friction(v1) - self.offset + F12) / self.M1
-        a2 = (on_load - self.load_friction(v2) - F12) / self.M2
+        a2 = (on_load - self.load_friction(v2) - F12) / (self.M2 + payload)
         return jnp.stack([v1, a1 - frame, y[3], a2 - a1])
+
+    def frictions(self) -> tuple[AbstractFriction, AbstractFriction]:
+        return self.motor_friction, self.load_friction
+
+    def elastic(self, y: Array) -> tuple[Array, Array]:
+        return y[2], jnp.asarray(self.K12)
 
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:
         """Equation 2: the motor's row, and the load's, which must be zero."""

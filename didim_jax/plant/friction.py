@@ -23,9 +23,14 @@ class AbstractFriction(eqx.Module):
 
     v_eps: eqx.AbstractVar[Array]
 
-    @abc.abstractmethod
     def __call__(self, v: Array) -> Array:
         """Friction force in N at velocity v in m/s."""
+        viscous, coulomb = self.split(v)
+        return viscous + coulomb
+
+    @abc.abstractmethod
+    def split(self, v: Array) -> tuple[Array, Array]:
+        """(viscous part, Coulomb part) of that force, N."""
 
 
 class CoulombViscous(AbstractFriction):
@@ -38,8 +43,8 @@ class CoulombViscous(AbstractFriction):
     Fc: Scalar = param("N", scale=10.0)
     v_eps: Scalar = setting("m/s", default=V_EPS)  # type: ignore[assignment]
 
-    def __call__(self, v: Array) -> Array:
-        return self.Fv * v + self.Fc * smooth_sign(v, self.v_eps)
+    def split(self, v: Array) -> tuple[Array, Array]:
+        return self.Fv * v, self.Fc * smooth_sign(v, self.v_eps)
 
 
 class AsymmetricCoulombViscous(AbstractFriction):
@@ -56,8 +61,9 @@ class AsymmetricCoulombViscous(AbstractFriction):
     Fc_neg: Scalar = param("N", scale=10.0)
     v_eps: Scalar = setting("m/s", default=V_EPS)  # type: ignore[assignment]
 
-    def __call__(self, v: Array) -> Array:
+    def split(self, v: Array) -> tuple[Array, Array]:
         s = smooth_sign(v, self.v_eps)
-        forward = self.Fv_pos * v + self.Fc_pos * s
-        backward = self.Fv_neg * v + self.Fc_neg * s
-        return 0.5 * (1 + s) * forward + 0.5 * (1 - s) * backward
+        forward, backward = 0.5 * (1 + s), 0.5 * (1 - s)
+        viscous = forward * (self.Fv_pos * v) + backward * (self.Fv_neg * v)
+        coulomb = forward * (self.Fc_pos * s) + backward * (self.Fc_neg * s)
+        return viscous, coulomb

@@ -41,10 +41,18 @@ class RigidDrive(AbstractPlant):
         on_coupling: Scalar = 0.0,
         on_load: Scalar = 0.0,
         frame: Scalar = 0.0,
+        payload: Scalar = 0.0,
     ) -> Array:
         """Equation 9. A force inside the coupling does no work on a rigid drive."""
         v = y[1]
-        return jnp.stack([v, (tau + on_motor + on_load - self.friction(v) - self.offset) / self.M - frame])
+        force = tau + on_motor + on_load - self.friction(v) - self.offset
+        return jnp.stack([v, force / (self.M + payload) - frame])
+
+    def frictions(self) -> tuple[AbstractFriction, None]:
+        return self.friction, None
+
+    def elastic(self, y: Array) -> tuple[Array, Array]:
+        return jnp.zeros_like(y[0]), jnp.zeros_like(y[0])
 
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:
         """Equation 6."""

@@ -1,0 +1,169 @@
+"""Effects between the command and the force: amplifier, motor, and the forces of the motor's own magnets."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._types import Scalar
+from ..params import param, setting
+from ._base import AbstractEffect, Bench, Block, Probe, Signals
+from ._law import remembered, turn
+
+_LONGEST_DELAY = 6
+"""Samples that a delay may have."""
+
+
+class AmplifierLag(AbstractEffect):
+    """T F' + F = F_command under a held command, as its mean over each sample; null T = 0.
+
+    mean = u + (F - u) r (1 - a), F[k+1] = u + (F - u) a, r = T / dt, a = exp(-1 / r).
+    """
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "amplifier_lag"
+    equation: ClassVar[str] = "T tau' + tau = g vir"
+    size: ClassVar[str] = "0.2-3 ms"
+    twins: ClassVar[tuple[str, ...]] = ("time_delay",)
+    source: ClassVar[str] = "current loop of the amplifier"
+    sampled: ClassVar[bool] = True
+    T: Scalar = param("s", scale=1e-3, lower=0.0, upper=2e-2, default=0.0)
+
+    def init(self, signals: Signals) -> Any:
+        return 0.0 * signals.q1 + signals.force
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        a = remembered(self.T, signals.dt)
+        behind = x - signals.incoming
+        return behind * (self.T / signals.dt) * (1 - a), signals.incoming + behind * a
+
+
+class TimeDelay(AbstractEffect):
+    """tau(t) = g vir(t - T) under a held command, as its mean over each sample; null T = 0, at most six samples."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "time_delay"
+    equation: ClassVar[str] = "tau = g vir(t - T)"
+    size: ClassVar[str] = "0.2-3 ms"
+    twins: ClassVar[tuple[str, ...]] = ("amplifier_lag",)
+    source: ClassVar[str] = "bus and computation time"
+    sampled: ClassVar[bool] = True
+    T: Scalar = param("s", scale=1e-3, lower=0.0, upper=6e-3, default=0.0)
+
+    def init(self, signals: Signals) -> Any:
+        return jnp.zeros(_LONGEST_DELAY) + signals.force
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        past = jnp.concatenate([signals.incoming[None], x])
+        r, i = self.T / signals.dt, np.arange(len(past))
+        rising = jnp.where((i > 0) & (r >= i - 1) & (r < i), r - (i - 1), 0.0)
+        weights = rising + jnp.where((r >= i) & (r < i + 1), i + 1 - r, 0.0)
+        return jnp.sum(weights * (past - signals.incoming)), past[:-1]
+
+
+class Saturation(AbstractEffect):
+    """tau = g clip(vir, -limit, limit) with a limit below the documented one, which is the null."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "saturation"
+    equation: ClassVar[str] = "tau = g clip(vir, -limit, limit)"
+    size: ClassVar[str] = "below the documented limit"
+    source: ClassVar[str] = "current limit of the amplifier"
+    sampled: ClassVar[bool] = True
+    limit: Scalar = param("V", scale=1.0, lower=0.05, default=jnp.inf)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "Saturation":
+        return cls(limit=bench.limit)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        most = signals.gain * self.limit
+        # Python's own comparison keeps the derivative at the edge one-sided
+        over = jnp.abs(signals.incoming) > most
+        return jnp.where(over, jnp.sign(signals.incoming) * most - signals.incoming, 0.0), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        sorted_volts = np.quantile(np.abs(bench.volts), [0.9, 0.96, 0.985, 0.995, 0.999])
+        return tuple(Probe({"limit": min(float(v), 0.98 * bench.limit)}, linear=False) for v in sorted_volts)
+
+
+class AmplifierDeadZone(AbstractEffect):
+    """The first `d` volts of the command are lost: tau = g (vir - clip(vir, -d, d)); null d = 0."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "amplifier_dead_zone"
+    equation: ClassVar[str] = "tau = g (vir - clip(vir, -d, d))"
+    size: ClassVar[str] = "10-250 mV"
+    twins: ClassVar[tuple[str, ...]] = ("backlash",)
+    source: ClassVar[str] = "crossover of the output stage"
+    sampled: ClassVar[bool] = True
+    d: Scalar = param("V", scale=0.05, lower=0.0, upper=2.0, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        lost = signals.gain * self.d
+        u = signals.incoming
+        return -jnp.where(jnp.abs(u) > lost, jnp.sign(u) * lost, u), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return Probe({"d": 0.03}, linear=False), Probe({"d": 0.12}, linear=False)
+
+
+class GainNonlinearity(AbstractEffect):
+    """tau = g vir (1 - k |vir|); null k = 0."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "gain_nonlinearity"
+    equation: ClassVar[str] = "tau = g vir (1 - k |vir|)"
+    size: ClassVar[str] = "0-3 %/V"
+    source: ClassVar[str] = "saturating magnetic circuit"
+    sampled: ClassVar[bool] = True
+    k: Scalar = param("1/V", scale=0.01, lower=-0.09, upper=0.09, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        u = signals.incoming
+        return -self.k * u * jnp.abs(u) / signals.gain, x
+
+
+class DriveGain(AbstractEffect):
+    """tau = g (1 + e) vir; null e = 0. Masses, friction and stiffness absorb it exactly."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "drive_gain"
+    equation: ClassVar[str] = "tau = (1 + e) g vir"
+    size: ClassVar[str] = "any: it cannot be seen"
+    source: ClassVar[str] = "torque constant, drive calibration"
+    sampled: ClassVar[bool] = True
+    e: Scalar = param("1", scale=0.03, lower=-0.5, upper=0.5, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return self.e * signals.incoming, x
+
+
+class Cogging(AbstractEffect):
+    """F = -sum over n = 1, 2 of (a_n sin n phi + b_n cos n phi), phi = 2 pi q1 / lead; null a = b = 0."""
+
+    block: ClassVar[Block] = Block.ACTUATOR
+    name: ClassVar[str] = "cogging"
+    equation: ClassVar[str] = "-sum(a_n sin n phi + b_n cos n phi)"
+    size: ClassVar[str] = "0.7-4 N"
+    twins: ClassVar[tuple[str, ...]] = ("encoder_periodic_error", "transmission_error")
+    source: ClassVar[str] = "slots of the motor, pitch of the screw"
+    a1: Scalar = param("N", scale=2.0, default=0.0)
+    b1: Scalar = param("N", scale=2.0, default=0.0)
+    a2: Scalar = param("N", scale=1.0, default=0.0)
+    b2: Scalar = param("N", scale=1.0, default=0.0)
+    lead: Scalar = setting("m", default=0.0025)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "Cogging":
+        return cls(lead=bench.lead)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        phi = turn(signals.q1, self.lead)
+        sin, cos = jnp.sin(phi), jnp.cos(phi)
+        twice = self.a2 * 2 * sin * cos + self.b2 * (cos * cos - sin * sin)
+        return -(self.a1 * sin + self.b1 * cos + twice), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"a1": 2.0, "b1": 2.0, "a2": 1.0, "b2": 1.0}),)

@@ -1,0 +1,85 @@
+"""Effects in the coupling. N added to its force on the motor side, K12 delta, and taken from the load side."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from .._types import Scalar
+from ..params import param, setting
+from ._base import AbstractEffect, Bench, Block, Probe, Signals
+from ._law import turn
+
+
+class CouplingDamping(AbstractEffect):
+    """F12 = K12 delta + C delta': damping above the few tens of N s/m that every coupling has; null C = 0."""
+
+    block: ClassVar[Block] = Block.COUPLING
+    name: ClassVar[str] = "coupling_damping"
+    equation: ClassVar[str] = "C delta'"
+    size: ClassVar[str] = "100-1200 N s/m"
+    twins: ClassVar[tuple[str, ...]] = ("base_flexibility",)
+    source: ClassVar[str] = "elastomer coupling"
+    C: Scalar = param("N s/m", scale=200.0, lower=-10.0, upper=6000.0, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return self.C * (signals.v2 - signals.v1), x
+
+
+class CubicStiffness(AbstractEffect):
+    """F12 = K12 delta (1 + k3 (delta / 50 um)^2), k3 < 0 allowed; null k3 = 0."""
+
+    block: ClassVar[Block] = Block.COUPLING
+    name: ClassVar[str] = "cubic_stiffness"
+    equation: ClassVar[str] = "K12 delta (1 + k3 (delta / 50 um)^2)"
+    size: ClassVar[str] = "0.01-0.4"
+    twins: ClassVar[tuple[str, ...]] = ("backlash",)
+    source: ClassVar[str] = "hardening coupling"
+    k3: Scalar = param("1", scale=0.03, lower=-0.1, upper=3.0, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return self.k3 * signals.stiffness * signals.deflection * (signals.deflection / 5e-5) ** 2, x
+
+
+class Backlash(AbstractEffect):
+    """F12 = K12 (delta - clip(delta, -b, b)): a dead zone of width 2 b; null b = 0."""
+
+    block: ClassVar[Block] = Block.COUPLING
+    name: ClassVar[str] = "backlash"
+    equation: ClassVar[str] = "K12 (delta - clip(delta, -b, b))"
+    size: ClassVar[str] = "b 1-20 um"
+    twins: ClassVar[tuple[str, ...]] = ("cubic_stiffness",)
+    source: ClassVar[str] = "worn nut, keyed shaft"
+    b: Scalar = param("m", scale=5e-6, lower=0.0, upper=2e-4, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        d = signals.deflection
+        return -signals.stiffness * jnp.where(jnp.abs(d) > self.b, jnp.sign(d) * self.b, d), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"b": b}, linear=False) for b in (1.5e-6, 5e-6, 1e-5, 1.8e-5, 3e-5))
+
+
+class TransmissionError(AbstractEffect):
+    """F12 = K12 (delta - a sin phi - b cos phi), phi = 2 pi q1 / lead; null a = b = 0."""
+
+    block: ClassVar[Block] = Block.COUPLING
+    name: ClassVar[str] = "transmission_error"
+    equation: ClassVar[str] = "K12 (delta - a sin phi - b cos phi)"
+    size: ClassVar[str] = "1-6 um"
+    twins: ClassVar[tuple[str, ...]] = ("cogging", "encoder_periodic_error")
+    source: ClassVar[str] = "wobble of the screw, eccentric gear"
+    a: Scalar = param("m", scale=2e-6, default=0.0)
+    b: Scalar = param("m", scale=2e-6, default=0.0)
+    lead: Scalar = setting("m", default=0.0025)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "TransmissionError":
+        return cls(lead=bench.lead)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        phi = turn(signals.q1, self.lead)
+        return -signals.stiffness * (self.a * jnp.sin(phi) + self.b * jnp.cos(phi)), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"a": 2e-6, "b": 2e-6}),)

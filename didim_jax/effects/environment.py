@@ -1,0 +1,109 @@
+"""Effects from outside the machine: N on the load side."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .._types import Scalar
+from ..params import param
+from ._base import AbstractEffect, Bench, Block, Probe, Signals
+from ._law import passed
+
+
+class Offset(AbstractEffect):
+    """-F0: a tilted axis, a counterweight, the drive's zero; null F0 = 0."""
+
+    block: ClassVar[Block] = Block.ENVIRONMENT
+    name: ClassVar[str] = "offset"
+    equation: ClassVar[str] = "-F0"
+    size: ClassVar[str] = "1-7 N"
+    twins: ClassVar[tuple[str, ...]] = ("asymmetric_coulomb",)
+    source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
+    F0: Scalar = param("N", scale=2.0, default=0.0)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return -self.F0 + 0.0 * signals.q1, x
+
+
+class CableSpring(AbstractEffect):
+    """-kc (q2 - q0): a cable or hose that pulls back; null kc = 0."""
+
+    block: ClassVar[Block] = Block.ENVIRONMENT
+    name: ClassVar[str] = "cable_spring"
+    equation: ClassVar[str] = "-kc (q2 - q0)"
+    size: ClassVar[str] = "10-120 N/m"
+    twins: ClassVar[tuple[str, ...]] = ("offset",)
+    source: ClassVar[str] = "cable chain"
+    kc: Scalar = param("N/m", scale=30.0, default=0.0)
+    q0: Scalar = param("m", scale=0.03, lower=-0.3, upper=0.5, default=0.05)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "CableSpring":
+        return cls(q0=bench.middle)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return -self.kc * (signals.q2 - self.q0), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        span = bench.q_high - bench.q_low
+        return tuple(Probe({"kc": 30.0}, {"q0": bench.q_low + x * span}) for x in (0.2, 0.5, 0.8))
+
+
+class DisturbancePulses(AbstractEffect):
+    """A on [t0 + n period, t0 + n period + width], n = 0, 1, ...: forces that come and go; null A = 0."""
+
+    block: ClassVar[Block] = Block.ENVIRONMENT
+    name: ClassVar[str] = "disturbance_pulses"
+    equation: ClassVar[str] = "A on [t0 + n P, t0 + n P + w]"
+    size: ClassVar[str] = "5-200 N"
+    source: ClassVar[str] = "process forces, collisions, injected test signals"
+    own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
+    A: Scalar = param("N", scale=10.0, default=0.0)
+    t0: Scalar = param("s", scale=0.05, default=1.0)
+    width: Scalar = param("s", scale=0.02, lower=2e-3, upper=5.0, default=0.2)
+    period: Scalar = param("s", scale=0.05, lower=0.05, upper=1e3, default=1e3)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        since, dt = signals.held_since, signals.dt
+        # the pulse that this sample may lie in; the one before cannot reach here, as a pulse is shorter than the period
+        n = jnp.maximum(jnp.floor((since + dt - self.t0) / self.period), 0.0)
+        begin = self.t0 + n * self.period
+        return self.A * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(
+            Probe({"A": 0.5 * size}, {"t0": t0, "width": width, "period": period})
+            for size, t0, width, period in pulses_in(bench.disturbance, bench.dt)
+        )
+
+
+def pulses_in(force: np.ndarray, dt: float) -> list[tuple[float, float, float, float]]:
+    """(size N, first onset s, width s, period s) of trains that stand out of a disturbance; best first, at most four.
+
+    Every interval where the force is far from its median is a pulse; trains are tried from the largest ones.
+    """
+    if len(force) < 10 or not np.any(force):
+        return []
+    level = np.median(force)
+    spread = 1.4826 * np.median(np.abs(force - level))
+    found = []
+    for sign in (1.0, -1.0):
+        high = sign * (force - level) > max(4 * spread, 0.25 * np.max(np.abs(force - level)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
+        spans = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * dt > 5e-3]
+        if not spans:
+            continue
+        weight = [float(np.sum(sign * (force[a:b] - level))) for a, b in spans]
+        strong = [s for s, w in zip(spans, weight, strict=True) if w > 0.3 * max(weight)]
+        onset = np.array([a for a, _ in strong]) * dt
+        width = float(np.median([b - a for a, b in strong])) * dt
+        size = sign * float(np.mean([sign * np.mean(force[a:b] - level) for a, b in strong]))
+        largest = spans[int(np.argmax(weight))]
+        found.append((size, float(largest[0] * dt), float(largest[1] - largest[0]) * dt, 1e3))
+        if len(onset) > 1:
+            gaps = np.diff(onset)
+            period = float(np.median(gaps[gaps > width])) if np.any(gaps > width) else 1e3
+            found.append((size, float(onset[0]), width, max(period, 1.05 * width)))
+    return found[:4]

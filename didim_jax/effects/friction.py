@@ -1,0 +1,262 @@
+"""Friction beyond Coulomb and viscous, each one force that opposes the motion."""
+
+import abc
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from .._types import Scalar
+from ..params import param, setting
+from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
+from ._law import magnitude, power, turn
+
+
+class AbstractFrictionEffect(AbstractEffect):
+    """A friction force f of the motor side's motion, -f on the motor side.
+
+    Which side rubs shows only near the mode: the deflection is micrometres.
+    """
+
+    block: ClassVar[Block] = Block.MOTOR_SIDE
+
+    @abc.abstractmethod
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        """Friction force (N) that opposes the motion at q (m), v (m/s), with smooth sign s."""
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return -self.force(t, signals.q1, signals.v1, signals.s1, signals), x
+
+
+class AsymmetricCoulomb(AbstractFrictionEffect):
+    """f = dFc s^2: Coulomb friction larger in one direction; null dFc = 0."""
+
+    name: ClassVar[str] = "asymmetric_coulomb"
+    equation: ClassVar[str] = "-dFc |s|"
+    size: ClassVar[str] = "1-5 N"
+    twins: ClassVar[tuple[str, ...]] = ("offset",)
+    source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
+    dFc: Scalar = param("N", scale=2.0, default=0.0)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        return self.dFc * s * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"dFc": 2.0}),)
+
+
+class AsymmetricViscous(AbstractFrictionEffect):
+    """f = dFv |v|: viscous friction larger in one direction; null dFv = 0."""
+
+    name: ClassVar[str] = "asymmetric_viscous"
+    equation: ClassVar[str] = "-dFv |v|"
+    size: ClassVar[str] = "15-60 N s/m"
+    source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
+    dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        return self.dFv * magnitude(v, s)
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"dFv": 30.0}),)
+
+
+class Stribeck(AbstractFrictionEffect):
+    """f = dFs exp(-(|v| / vs)^a) s: excess of friction over Coulomb near rest, dFs < 0 allowed; null dFs = 0."""
+
+    name: ClassVar[str] = "stribeck"
+    equation: ClassVar[str] = "-dFs exp(-(|v| / vs)^a) s"
+    size: ClassVar[str] = "2-11 N, 4-30 mm/s"
+    twins: ClassVar[tuple[str, ...]] = ("presliding", "quadratic_viscous")
+    source: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    dFs: Scalar = param("N", scale=5.0, default=0.0)
+    vs: Scalar = param("m/s", scale=0.01, lower=1.5e-3, upper=0.1, default=0.015)
+    a: Scalar = param("1", scale=1.0, lower=0.6, upper=2.5, default=1.5)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        return self.dFs * jnp.exp(-power(v, self.vs, self.a)) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"dFs": 4.0}, {"vs": vs, "a": a}) for vs, a in ((0.006, 1.0), (0.015, 1.5), (0.03, 2.0)))
+
+
+class QuadraticViscous(AbstractFrictionEffect):
+    """f = c v_r^2 (|v| / v_r)^p s, v_r = 0.1 m/s: c v |v| for p = 2; null c = 0."""
+
+    name: ClassVar[str] = "quadratic_viscous"
+    equation: ClassVar[str] = "-c |v|^p s"
+    size: ClassVar[str] = "200-1200 N s2/m2"
+    twins: ClassVar[tuple[str, ...]] = ("stribeck",)
+    source: ClassVar[str] = "churning of lubricant, fans"
+    c: Scalar = param("N s2/m2", scale=300.0, default=0.0)
+    p: Scalar = param("1", scale=0.5, lower=1.4, upper=3.5, default=2.0)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        return self.c * 0.01 * power(v, 0.1, self.p) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"c": 300.0}),)
+
+
+class PositionFriction(AbstractFrictionEffect):
+    """f = (sum of c_n P_n(x), n = 1...4) s, Legendre polynomials of x = (q - middle) / half stroke; null c = 0."""
+
+    name: ClassVar[str] = "position_friction"
+    equation: ClassVar[str] = "-(sum c_n P_n(x)) s"
+    size: ClassVar[str] = "1-5 N"
+    twins: ClassVar[tuple[str, ...]] = ("local_friction",)
+    source: ClassVar[str] = "misaligned guides, preload that varies along the screw"
+    c1: Scalar = param("N", scale=2.0, default=0.0)
+    c2: Scalar = param("N", scale=2.0, default=0.0)
+    c3: Scalar = param("N", scale=2.0, default=0.0)
+    c4: Scalar = param("N", scale=2.0, default=0.0)
+    middle: Scalar = setting("m", default=0.05)
+    half_stroke: Scalar = setting("m", default=0.05)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "PositionFriction":
+        return cls(middle=bench.middle, half_stroke=bench.half_stroke)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        x = (q - self.middle) / self.half_stroke
+        even = self.c2 * 0.5 * (3 * x**2 - 1) + self.c4 * 0.125 * (35 * x**4 - 30 * x**2 + 3)
+        return (self.c1 * x + self.c3 * 0.5 * (5 * x**3 - 3 * x) + even) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"c1": 2.0, "c2": 2.0, "c3": 2.0, "c4": 2.0}),)
+
+
+class LocalFriction(AbstractFrictionEffect):
+    """f = A exp(-((q - q0) / w)^2) s: a tight or a dirty spot; null A = 0."""
+
+    name: ClassVar[str] = "local_friction"
+    equation: ClassVar[str] = "-A exp(-((q - q0) / w)^2) s"
+    size: ClassVar[str] = "1-9 N, 5-30 mm"
+    twins: ClassVar[tuple[str, ...]] = ("position_friction",)
+    source: ClassVar[str] = "dent, chip or dry spot on a guide"
+    A: Scalar = param("N", scale=4.0, default=0.0)
+    q0: Scalar = param("m", scale=0.02, default=0.05)
+    w: Scalar = param("m", scale=0.01, lower=1e-3, upper=0.06, default=0.01)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "LocalFriction":
+        return cls(q0=bench.middle)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        return self.A * jnp.exp(-(((q - self.q0) / self.w) ** 2)) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        places = [bench.q_low + (bench.q_high - bench.q_low) * x for x in (0.08, 0.22, 0.36, 0.5, 0.64, 0.78, 0.92)]
+        return tuple(Probe({"A": 4.0}, {"q0": q0, "w": w}) for w in (0.007, 0.018) for q0 in places)
+
+
+class LeadFriction(AbstractFrictionEffect):
+    """f = (a sin phi + b cos phi) s, phi = 2 pi q / lead; null a = b = 0."""
+
+    name: ClassVar[str] = "lead_friction"
+    equation: ClassVar[str] = "-(a sin phi + b cos phi) s"
+    size: ClassVar[str] = "0.7-4 N"
+    twins: ClassVar[tuple[str, ...]] = ("cogging",)
+    source: ClassVar[str] = "run-out of the screw"
+    a: Scalar = param("N", scale=2.0, default=0.0)
+    b: Scalar = param("N", scale=2.0, default=0.0)
+    lead: Scalar = setting("m", default=0.0025)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "LeadFriction":
+        return cls(lead=bench.lead)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        phi = turn(q, self.lead)
+        return (self.a * jnp.sin(phi) + self.b * jnp.cos(phi)) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"a": 2.0, "b": 2.0}),)
+
+
+class LoadDependentFriction(AbstractFrictionEffect):
+    """f = mu |K12 delta| s: friction that grows with the force transmitted; null mu = 0.
+
+    A rigid drive has no such force of its own: the motor's force stands in for it.
+    """
+
+    name: ClassVar[str] = "load_dependent_friction"
+    equation: ClassVar[str] = "-mu |K12 delta| s"
+    size: ClassVar[str] = "0.02-0.15"
+    source: ClassVar[str] = "friction of the screw's flanks"
+    mu: Scalar = param("1", scale=0.05, lower=-0.6, upper=0.6, default=0.0)
+
+    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+        transmitted = jnp.where(signals.stiffness == 0, signals.force, signals.coupling)
+        return self.mu * jnp.abs(transmitted) * s
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return (Probe({"mu": 0.05}),)
+
+
+class FrictionDrift(AbstractEffect):
+    """Coulomb and viscous friction of both sides times 1 + d g(t), g = (1 - e^(-t/T)) / (1 - e^(-D/T)); null d = 0.
+
+    D is the record's duration; a long T makes g linear.
+    """
+
+    block: ClassVar[Block] = Block.MOTOR_SIDE
+    name: ClassVar[str] = "friction_drift"
+    equation: ClassVar[str] = "friction x (1 + d g(t))"
+    size: ClassVar[str] = "15-50 %"
+    source: ClassVar[str] = "warming lubricant"
+    twins: ClassVar[tuple[str, ...]] = ("payload_change",)
+    own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
+    d_coulomb: Scalar = param("1", scale=0.3, lower=-0.95, upper=3.0, default=0.0)
+    d_viscous: Scalar = param("1", scale=0.3, lower=-0.95, upper=3.0, default=0.0)
+    T: Scalar = param("s", scale=10.0, lower=0.5, upper=60.0, default=15.0)
+    t0: Scalar = setting("s", default=0.0)
+    duration: Scalar = setting("s", default=10.0)
+
+    @classmethod
+    def at(cls, bench: Bench) -> "FrictionDrift":
+        return cls(duration=bench.duration)
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
+        g = jnp.expm1(-(signals.held_since - self.t0) / self.T) / jnp.expm1(-self.duration / self.T)
+        motor = self.d_coulomb * signals.coulomb1 + self.d_viscous * signals.viscous1
+        load = self.d_coulomb * signals.coulomb2 + self.d_viscous * signals.viscous2
+        return Forces(motor=-g * motor, load=-g * load), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"d_coulomb": 0.2, "d_viscous": 0.2}, {"T": T}) for T in (2.0, 20.0))
+
+
+class Presliding(AbstractEffect):
+    """Coulomb friction Fc s(v) becomes Fc z + s1 z' z_s, a bristle: z' = (v - |v| z) / z_s; null share = 0, all of it 1.
+
+    z = F / Fc, so that z_s = Fc / sigma0 is the deflection at break-away.
+    """
+
+    block: ClassVar[Block] = Block.MOTOR_SIDE
+    name: ClassVar[str] = "presliding"
+    equation: ClassVar[str] = "Fc z for Fc s, z' = (v - |v| z) / z_s"
+    size: ClassVar[str] = "z_s 60-600 um"
+    twins: ClassVar[tuple[str, ...]] = ("stribeck",)
+    source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
+    share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
+    z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
+    sigma1: Scalar = param("N s/m", scale=100.0, lower=-200.0, upper=600.0, default=0.0)
+
+    def init(self, signals: Signals) -> Any:
+        return jnp.stack([0.0 * signals.q1 + signals.s1, 0.0 * signals.q1 + signals.s2])
+
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
+        v = jnp.stack([signals.v1, signals.v2])
+        rate = (v - jnp.abs(v) * x) / self.z_s
+        coulomb = jnp.stack([0.0 * signals.q1 + signals.coulomb1, 0.0 * signals.q1 + signals.coulomb2])
+        s = jnp.stack([0.0 * signals.q1 + signals.s1, 0.0 * signals.q1 + signals.s2])
+        there = jnp.abs(s) > 1e-9
+        Fc = jnp.where(there, coulomb / jnp.where(there, s, 1.0), 0.0)
+        # the damping is shared as the Coulomb friction is: sigma1 is that of the whole axis
+        part = Fc / jnp.maximum(jnp.abs(Fc).sum(), 1e-9)
+        extra = Fc * (x - s) + self.sigma1 * part * self.z_s * rate
+        return Forces(motor=-self.share * extra[0], load=-self.share * extra[1]), rate
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"share": 1.0}, {"z_s": z}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4))

@@ -1,0 +1,111 @@
+"""A record made ready for diagnosis: the compiled loop around it, and what is compared, filtered and decimated."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..chain import Chain
+from ..control import Drive, SampledPD
+from ..effects import AbstractEffect, Bench
+from ..machine import Machine
+from ..plant import AbstractPlant, CoulombViscous, FlexibleDrive, RigidDrive
+from ..recording import Recording
+from ..rig import excitation, first_state
+from ..signals import Decimation, LowPass, central_difference
+from ..simulate import SampledLoop
+from .model import SOLVER, SUBSTEPS, Model
+
+CUTOFF_HZ = 60.0
+"""Band in which simulation and machine are compared, as the contract has it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """One compared signal: its name, unit, row among the model's outputs, and the record's, filtered, (n_decimated,)."""
+
+    name: str
+    unit: str
+    row: int
+    observed: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A record, its model, its channels, and the rigid inverse model's parameters to start from."""
+
+    recording: Recording
+    machine: Machine
+    model: Model
+    decimation: Decimation
+    channels: tuple[Channel, ...]
+    rigid: dict[str, float]
+    bench: Bench
+
+    def filtered(self, outputs: np.ndarray, channel: Channel) -> np.ndarray:
+        """A channel of the model's outputs, (..., 2, n), in the band, (..., n_decimated)."""
+        return self.decimation(np.moveaxis(outputs[..., channel.row, :], -1, 0)).T
+
+    @staticmethod
+    def model_force(outputs: np.ndarray) -> np.ndarray:
+        """Commanded force (N, per sample) among the model's outputs."""
+        return outputs[0]
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the decimated samples, s."""
+        return self.model.dt * np.arange(self.model.n)[:: self.decimation.factor]
+
+
+def nominal(model: str) -> AbstractPlant:
+    """A plant of the documented kind; its numbers are placeholders that a fit replaces."""
+    friction = CoulombViscous(100.0, 10.0, 3e-4)
+    return RigidDrive(100.0, friction) if model == "rigid" else FlexibleDrive(60.0, friction, 40.0, friction, 9e5)
+
+
+def prepare(
+    recording: Recording,
+    machine: Machine,
+    catalogue: Sequence[type[AbstractEffect]],
+    device: Any = None,
+    bench: Bench | None = None,
+) -> Prepared:
+    """Make a record ready. `bench` of another record of the machine keeps the effects' settings (ranges) the same."""
+    dt = machine.controller.sample_time
+    rigid, left = _rigid(recording, machine)
+    if bench is None:
+        bench = Bench(
+            lead=machine.screw_lead,
+            limit=machine.drive.limit,
+            gain=machine.drive.gain,
+            dt=dt,
+            q_low=float(recording.qg.min()),
+            q_high=float(recording.qg.max()),
+            duration=dt * len(recording),
+            volts=recording.vir,
+            disturbance=left,
+        )
+    law = machine.controller
+    effects = tuple(effect.at(bench) for effect in catalogue)
+    chain = Chain(Drive(machine.drive.gain, machine.drive.limit), nominal(machine.model), effects)
+    loop = SampledLoop(controller=SampledPD(law.kp, law.kv), chain=chain, substeps=SUBSTEPS, solver=SOLVER)
+    model = Model(loop, excitation(recording, machine), first_state(recording, machine, loop), device)
+    decimation = Decimation.at(CUTOFF_HZ, dt)
+    channels = [Channel("force", "N", 0, decimation(recording.tau))]
+    if recording.ql is not None:
+        channels.append(Channel("load", "m", 1, decimation(recording.ql - recording.qm)))
+    return Prepared(recording, machine, model, decimation, tuple(channels), rigid, bench)
+
+
+def _rigid(recording: Recording, machine: Machine) -> tuple[dict[str, float], np.ndarray]:
+    """M, Fv, Fc of the rigid inverse model by least squares at 20 Hz, and the force (N, per sample) that it leaves."""
+    dt = machine.controller.sample_time
+    low = LowPass.butterworth(20.0, dt)
+    v = central_difference(recording.qm, dt)
+    a = central_difference(v, dt)
+    W = low(np.column_stack([a, v, np.tanh(v / 2e-3), np.ones_like(v)]))
+    Y = low(recording.tau)
+    theta = np.linalg.lstsq(W, Y, rcond=None)[0]
+    left = W @ theta - Y  # what pushes along with the motor is positive
+    return {"M": float(theta[0]), "Fv": float(theta[1]), "Fc": float(theta[2])}, left - np.median(left)
