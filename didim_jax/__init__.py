@@ -6,12 +6,13 @@ the methods here are not meant for less.
 
 from .chain import Chain
 from .control import ContinuousPD, Drive, SampledPD
-from .effects import AbstractEffect, Block, Signals
+from .effects import AbstractEffect, Bench, Block, Forces, Probe, Signals
+from .effects.catalogue import CATALOGUE
 from .errors import InputError
 from .formats import load_recording, save_recording
 from .hygiene import Finding, admit, examine
 from .machine import Machine
-from .params import names, pack, parameters, unpack, values
+from .params import names, pack, param, parameters, setting, unpack, values
 from .plant import (
     AsymmetricCoulombViscous,
     CoulombViscous,
@@ -25,8 +26,10 @@ from .recording import Recording
 from .simulate import ContinuousLoop, Excitation, SampledLoop, Simulation, Start, simulate
 
 __all__ = [
+    "CATALOGUE",
     "AbstractEffect",
     "AsymmetricCoulombViscous",
+    "Bench",
     "Block",
     "Chain",
     "ContinuousLoop",
@@ -36,8 +39,10 @@ __all__ = [
     "Excitation",
     "Finding",
     "FlexibleDrive",
+    "Forces",
     "InputError",
     "Machine",
+    "Probe",
     "Recording",
     "RigidDrive",
     "SampledLoop",
@@ -52,8 +57,10 @@ __all__ = [
     "mode",
     "names",
     "pack",
+    "param",
     "parameters",
     "save_recording",
+    "setting",
     "simulate",
     "split",
     "unpack",

@@ -9,7 +9,7 @@ from jax import Array
 
 from ._types import Scalar
 from .control import Drive
-from .effects import SAMPLED, AbstractEffect, Block, Forces, Signals
+from .effects import SAMPLED, AbstractEffect, Block, Forces, Signals, acts_once_per_sample
 from .plant import AbstractPlant
 
 type _Changes = dict[int, Any]
@@ -44,10 +44,12 @@ class Chain(eqx.Module):
         q1, v1, q2, v2 = self.plant.sides(y)
         nothing = jnp.zeros_like(q1)
         deflection, stiffness = self.plant.elastic(y)
-        own = {}
+        own: dict[str, Any] = {}
         for side, friction, v in zip("12", self.plant.frictions(), (v1, v2), strict=True):
             if friction is not None:
                 own[f"viscous{side}"], own[f"coulomb{side}"] = friction.split(v)
+                own[f"level{side}"] = friction.level(v)
+                own[f"friction{side}"] = friction
                 own[f"s{side}"] = jnp.tanh(v / friction.v_eps)
         return Signals(
             q1,
@@ -59,14 +61,19 @@ class Chain(eqx.Module):
             nothing,
             deflection=deflection,
             stiffness=stiffness,
-            gain=self.drive.gain,
+            gain=jnp.asarray(self.drive.gain),
             **own,
         )
 
-    def init(self, y: Array, command: Scalar = 0.0) -> State:
-        """State at a first sample, every effect at the state that suits the motion and the command (V) there."""
+    def init(self, y: Array, command: Scalar = 0.0, terms: tuple[Scalar, Scalar] = (0.0, 0.0)) -> State:
+        """State at a first sample, every effect at the state that suits the motion and the volts there.
+
+        These are the command and the law's terms of position and of velocity, V.
+        """
         signals = self.signals(y, command)
-        signals = eqx.tree_at(lambda s: s.force, signals, self.drive(signals.command))
+        signals = eqx.tree_at(
+            lambda s: (s.force, s.law_position, s.law_velocity), signals, (self.drive(signals.command), *terms)
+        )
         return State(y, tuple(effect.init(signals) for effect in self.effects))
 
     def along(
@@ -82,34 +89,35 @@ class Chain(eqx.Module):
             if effect.block is block and (effect.sampled or block in SAMPLED):
                 here = eqx.tree_at(lambda s: s.incoming, signals, value)
                 contribution, changes[place] = effect(t, states[place], here)
+                if isinstance(contribution, Forces):
+                    raise ValueError(f"{type(effect).__name__} acts once per sample: it adds one number, not Forces.")
                 value = value + contribution
         return value, changes
 
     def hold(self, t: Array, state: State, command: Array, dt: Scalar) -> tuple[Held, _Changes]:
         """What the drive makes of a command (V) for one sample from t on."""
         signals = self.signals(state.plant, command)
-        signals = eqx.tree_at(lambda s: (s.held_since, s.dt), signals, (t, dt), is_leaf=lambda x: x is None)
+        signals = eqx.tree_at(lambda s: (s.held_since, s.dt), signals, (t, dt))
         force, changes = self.along(Block.ACTUATOR, t, state.effects, signals, self.drive(command))
         return Held(command, force, t, dt), changes
 
     def _mechanics(self, t: Array, state: State, held: Held) -> tuple[Array, Forces, _Changes]:
         """(motor force in N, what effects add to the mechanics, dx/dt of each effect that acts at every instant)."""
         signals = self.signals(state.plant, held.command)
-        signals = eqx.tree_at(
-            lambda s: (s.held_since, s.dt, s.force), signals, (held.since, held.dt, held.force)
-        )
+        signals = eqx.tree_at(lambda s: (s.held_since, s.dt, s.force), signals, (held.since, held.dt, held.force))
         tau, total = held.force, Forces()
         rates = {}
-        for place, effect in enumerate(self.effects):
-            if effect.block in SAMPLED or effect.sampled:
-                continue
+        acting = [p for p, effect in enumerate(self.effects) if not acts_once_per_sample(effect)]
+        for place in sorted(acting, key=lambda p: self.effects[p].block is not Block.ACTUATOR):  # the force comes first
+            effect = self.effects[place]
             here = eqx.tree_at(lambda s: s.incoming, signals, tau)
             made, rates[place] = effect(t, state.effects[place], here)
-            if effect.block is Block.ACTUATOR:
+            if isinstance(made, Forces):
+                total = jax.tree.map(lambda a, b: a + b, total, made)
+            elif effect.block is Block.ACTUATOR:
                 tau = tau + made
             else:
-                made = made if isinstance(made, Forces) else _on(effect.block, made)
-                total = jax.tree.map(lambda a, b: a + b, total, made)
+                total = jax.tree.map(lambda a, b: a + b, total, _on(effect.block, made))
         return tau, total, rates
 
     def force(self, t: Array, state: State, held: Held) -> Array:

@@ -1,4 +1,4 @@
-"""The command line: `didim identify` and `didim simulate`.
+"""The command line: `didim identify`, `didim diagnose`, `didim simulate` and `didim effects`.
 
 A user's mistake ends in one line on standard error and exit status 2. Heavy modules are imported by the command that
 needs them.
@@ -11,7 +11,7 @@ import re
 import signal
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 from types import FrameType
@@ -29,6 +29,8 @@ def main() -> None:
     app = tyro.extras.SubcommandApp()
     app.command(name="identify")(_parsed(identify))
     app.command(name="simulate")(_parsed(simulate))
+    app.command(name="diagnose")(_parsed(diagnose))
+    app.command(name="effects")(_parsed(effects))
     with program():
         with _usage():
             command = app.cli(prog="didim", description="Identify flexible-joint drives by differentiable simulation.")
@@ -175,6 +177,85 @@ def identify(
     print_study(study, out)
 
 
+def diagnose(
+    records: Positional[tuple[Path, ...]] = (),
+    /,
+    out: Path = Path("diagnosis"),
+    machine: Path | None = None,
+    check: Path | None = None,
+    cases: Path | None = None,
+    exclude: tuple[str, ...] = (),
+    effects: Path | None = None,
+) -> None:
+    """Diagnose the gap between a machine and its simulation: where it lies, which effect causes it, how far it shrinks.
+
+    Args:
+        records: Records of one machine (.mat, .csv or .npz), fitted together.
+        out: Folder for diagnosis.json, simulation.npz and report.html; with --cases, one folder a case in it.
+        machine: What is documented of the machine (machine.toml).
+        check: Another trajectory of it: judged once, at the end.
+        cases: Folder of cases, each with fit.mat, check.mat and machine.toml.
+        exclude: Effects to leave out of the catalogue.
+        effects: Python file with effects of your own, added to the catalogue.
+    """
+    _one_device_a_core()
+    import jax
+
+    from .effects.catalogue import CATALOGUE, load
+    from .gap.cases import Case, cases_in, diagnose_case
+
+    catalogue = CATALOGUE + (() if effects is None else load(effects))
+    known = {effect.label() for effect in catalogue}
+    if unknown := sorted(set(exclude) - known):
+        raise InputError(f"--exclude {unknown[0]}: no such effect; known are {', '.join(sorted(known))}.")
+    if cases is not None:
+        if records or machine or check:
+            raise InputError("--cases takes its records and machines from its folders: give no others.")
+        _diagnose_many(cases_in(cases), catalogue, out, exclude)
+        return
+    if not records or machine is None:
+        raise InputError("give at least one record and its --machine, or a folder of --cases.")
+    from .report import check_folder
+    from .report.write_diagnosis import print_diagnosis, write_diagnosis
+
+    check_folder(out)
+    case = Case(records[0].stem, tuple(records), check, machine)
+    with _progress() as (_, say):
+        found = diagnose_case(case, catalogue, out, exclude=exclude, devices=jax.devices(), say=say)
+    write_diagnosis(found, out)
+    print_diagnosis(found, out)
+
+
+def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, exclude: Sequence[str]) -> None:
+    """All cases under a bar with the time left; exit status 1 where one could not be used."""
+    import jax
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from .report.many import diagnose_cases
+
+    console = Console(stderr=True)
+    bars = (TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*bars, console=console) as progress:
+        task = progress.add_task("cases", total=len(cases))
+
+        def done(case: Any, line: str) -> None:
+            progress.advance(task)
+            console.print(f"{case.name}: {line}", markup=False, highlight=False)
+
+        bad = diagnose_cases(cases, catalogue, out, exclude=exclude, devices=jax.devices(), done=done)
+    if bad:
+        print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
+        sys.exit(1)
+
+
+def _one_device_a_core() -> None:
+    """One JAX device a core, so that refits run side by side. Must come before JAX is first used."""
+    flag = f"--xla_force_host_platform_device_count={os.cpu_count() or 1}"
+    if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
+
+
 def simulate(
     machine: Path,
     plant: Path,
@@ -211,6 +292,43 @@ def simulate(
         f"{out}: {len(recording)} samples, {recording.t[-1]:.4g} s, "
         f"peak command {np.abs(recording.vir).max():.2f} V of {known.drive.limit:g} V (synthetic)"
     )
+
+
+def effects(file: Path | None = None) -> None:
+    """List the effects that a simulation may hold beyond the nominal drive.
+
+    Args:
+        file: Python file with effects of your own, listed after those of the catalogue.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from .effects.catalogue import CATALOGUE, load
+
+    headings = ("name", "block", "equation", "size", "twins", "source")
+    rows = [
+        (effect.label(), effect.block.value, effect.equation, effect.size, ", ".join(effect.twins), effect.source)
+        for effect in (*CATALOGUE, *(load(file) if file else ()))
+    ]
+    console = Console()
+    # Text, not str: an equation is no markup.
+    if console.is_terminal:  # two entries to a cell, which folds: nothing is cut off on a narrow screen
+        table = Table(box=box.SIMPLE_HEAD, show_lines=True)
+        for k in (0, 2, 4):
+            table.add_column(f"{headings[k]}, {headings[k + 1]}", no_wrap=k == 0)
+        for row in rows:
+            table.add_row(*(Text("\n").join(Text(cell) for cell in row[k : k + 2] if cell) for k in (0, 2, 4)))
+        console.print(table)
+    else:  # one line for each effect, however long
+        table = Table(*headings, box=None, pad_edge=False)
+        for row in rows:
+            table.add_row(*(Text(cell) for cell in row))
+        plain = Console(file=io.StringIO(), width=10_000)
+        with plain.capture() as text:
+            plain.print(table)
+        print("\n".join(line.rstrip() for line in text.get().splitlines()))
 
 
 @contextmanager

@@ -132,8 +132,10 @@ class SampledLoop(AbstractLoop):
     def run(self, excitation: Excitation, start: Start) -> Simulation:
         chain, dt = self.chain, excitation.dt
         first = chain.init(start.plant)
-        _, command, _ = self._command(first, start.memory, jnp.zeros(()), excitation.qg[0], excitation.injected[0], dt)
-        first = chain.init(start.plant, command)
+        for _ in range(2):  # what the law makes of the motion, then the command, once its effects have settled to that
+            at = (jnp.zeros(()), excitation.qg[0], excitation.injected[0], dt)
+            _, command, terms, _ = self._command(first, start.memory, *at)
+            first = chain.init(start.plant, command, terms)
         still = tuple(acts_once_per_sample(effect) for effect in chain.effects)
 
         def moving(state: State) -> tuple[Array, tuple[Any, ...]]:
@@ -151,7 +153,7 @@ class SampledLoop(AbstractLoop):
                 whole = (x if s else e for s, x, e in zip(still, state.effects, effects, strict=True))
                 return State(plant, tuple(whole))
 
-            def field(ti: Array, y: tuple[Array, ...], args: None) -> tuple[Array, ...]:
+            def field(ti: Any, y: tuple[Array, ...], args: None) -> tuple[Array, ...]:
                 dy = ravel_pytree(moving(chain.derivative(ti, as_state(jnp.stack(y)), held)))[0]
                 return tuple(dy[i] for i in range(size))
 
@@ -166,7 +168,7 @@ class SampledLoop(AbstractLoop):
 
         def sample(carry: _Carry, now: tuple[Array, Array, Array]) -> tuple[_Carry, tuple[State, Held, Array]]:
             (state, memory), (t, qg, injected) = carry, now
-            qm, vir, (memory, changes) = self._command(state, memory, t, qg, injected, dt)
+            qm, vir, _, (memory, changes) = self._command(state, memory, t, qg, injected, dt)
             held, driven = chain.hold(t, state, vir, dt)
             changes |= driven
             state = State(state.plant, tuple(changes.get(i, x) for i, x in enumerate(state.effects)))
@@ -179,16 +181,16 @@ class SampledLoop(AbstractLoop):
 
     def _command(
         self, state: State, memory: Array, t: Array, qg: Array, injected: Array, dt: Scalar
-    ) -> tuple[Array, Array, tuple[Array, dict[int, Any]]]:
-        """(qm in m, vir in V, (next memory, next states)) of one sample."""
+    ) -> tuple[Array, Array, tuple[Array, Array], tuple[Array, dict[int, Any]]]:
+        """(qm in m, vir in V, the law's terms in V, (next memory, next states)) of one sample."""
         signals = self.chain.signals(state.plant, 0.0)
-        signals = eqx.tree_at(lambda s: s.dt, signals, dt)
+        signals = eqx.tree_at(lambda s: (s.held_since, s.dt), signals, (t, dt))
         qm, sensed = self.chain.along(Block.SENSOR, t, state.effects, signals, signals.q1)
         law, following = self.controller(memory, qg, qm, dt)
         terms = self.controller.terms(memory, qg, qm, dt)
         signals = eqx.tree_at(lambda s: (s.law_position, s.law_velocity), signals, terms)
         vir, commanded = self.chain.along(Block.CONTROLLER, t, state.effects, signals, law)
-        return qm, vir + injected, (following, sensed | commanded)
+        return qm, vir + injected, terms, (following, sensed | commanded)
 
 
 class ContinuousLoop(AbstractLoop):
@@ -237,7 +239,9 @@ class ContinuousLoop(AbstractLoop):
             return chain.derivative(ti, state, held(ti, state, command(ti, state, qg, injected)[1]))
 
         def held(ti: Array, state: State, vir: Array) -> Held:
-            return chain.hold(ti, state, vir, excitation.dt)[0]
+            """As if held for one sample about this instant, so that what sets in at a time does so on time."""
+            now = chain.hold(ti, state, vir, excitation.dt)[0]
+            return eqx.tree_at(lambda h: h.since, now, ti - 0.5 * excitation.dt)
 
         n = excitation.qg.shape[0]
         solution = dfx.diffeqsolve(

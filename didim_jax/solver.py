@@ -48,9 +48,7 @@ class Unrolled(dfx.AbstractSolver):
             if not used:
                 return y0
             parts, slopes = [b for b, _ in used], [ki for _, ki in used]
-            return jax.tree.map(
-                lambda y, *ki: y + h * sum(b * x for b, x in zip(parts, ki, strict=True)), y0, *slopes
-            )
+            return jax.tree.map(lambda y, *ki: y + h * sum(b * x for b, x in zip(parts, ki, strict=True)), y0, *slopes)
 
         for row, c in zip(rows[: last + 1], times, strict=False):
             k.append(terms.vf(t0 + c * h, moved(row), args))

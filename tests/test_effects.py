@@ -448,15 +448,15 @@ def test_a_null_effect_changes_no_bit_of_the_model(plant, block):
 
 @each_loop
 @each_plant
-def test_null_effects_outside_the_forces_change_no_bit_of_the_compiled_run(plant, sampled):
-    effects = [CONSTANT[block](0.0) for block in (Block.CONTROLLER, Block.SENSOR, Block.BASE)]
+def test_null_effects_outside_the_mechanics_change_no_bit_of_the_compiled_run(plant, sampled):
+    effects = [CONSTANT[block](0.0) for block in (Block.CONTROLLER, Block.SENSOR)]
     one, two = run(around(plant, sampled=sampled)), run(around(plant, *effects, sampled=sampled))
     for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 @both_ways
-def test_null_effects_on_forces_leave_the_compiled_run_to_rounding(plant, sampled):
+def test_null_effects_on_the_mechanics_leave_the_compiled_run_to_rounding(plant, sampled):
     """The compiler contracts a product and the sum after it into one rounding, and a null term between them moves
     which: not bits, then, but their last ones, as the loop carries them on (1e-17 m times 4e6 N/m, a few times)."""
     effects = [null for block in Block for null in nulls(block)]

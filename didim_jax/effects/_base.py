@@ -3,10 +3,11 @@
 import abc
 import dataclasses
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -38,13 +39,20 @@ SAMPLED = frozenset({Block.CONTROLLER, Block.SENSOR})
 """Blocks that act once per controller sample; the others act at every instant unless an effect says otherwise."""
 
 
+def _zero() -> Any:
+    """A signal that is zero unless given."""
+    return eqx.field(converter=jnp.asarray, default=0.0)
+
+
 class Signals(eqx.Module):
     """What an effect may look at; what does not exist where it acts is zero.
 
     Positions (m) and velocities (m/s) of both sides, force of the coupling on the motor side (N), command held by the
-    drive (V), and the force (N) or position (m) that reaches this effect along the chain. Then the plant's own
-    friction: smooth sign of each side's velocity, Coulomb and viscous part (N). Then the drive: its force (N), gain
-    (N/V), the sample's beginning and length (s). Then the control law's position and velocity terms (V).
+    drive (V), and what reaches this effect along the chain: position (m), volts, or motor force (N). Then the plant's
+    own friction: smooth sign of each side's velocity, Coulomb part, the same without its sign, viscous part (N). Then
+    deflection (m) and stiffness (N/m) of the coupling. Then the drive: its force (N), gain (N/V), the sample's
+    beginning and length (s). Then the control law's position and velocity terms (V), and each side's friction as a
+    function of velocity, None where it has none.
     """
 
     q1: Array
@@ -54,20 +62,24 @@ class Signals(eqx.Module):
     coupling: Array
     command: Array
     incoming: Array
-    s1: Scalar = 0.0
-    s2: Scalar = 0.0
-    coulomb1: Scalar = 0.0
-    coulomb2: Scalar = 0.0
-    viscous1: Scalar = 0.0
-    viscous2: Scalar = 0.0
-    deflection: Scalar = 0.0
-    stiffness: Scalar = 0.0
-    force: Scalar = 0.0
-    gain: Scalar = 0.0
-    held_since: Scalar = 0.0
-    dt: Scalar = 0.0
-    law_position: Scalar = 0.0
-    law_velocity: Scalar = 0.0
+    s1: Array = _zero()
+    s2: Array = _zero()
+    coulomb1: Array = _zero()
+    coulomb2: Array = _zero()
+    level1: Array = _zero()
+    level2: Array = _zero()
+    viscous1: Array = _zero()
+    viscous2: Array = _zero()
+    deflection: Array = _zero()
+    stiffness: Array = _zero()
+    force: Array = _zero()
+    gain: Array = _zero()
+    held_since: Array = _zero()
+    dt: Array = _zero()
+    law_position: Array = _zero()
+    law_velocity: Array = _zero()
+    friction1: Callable[[Array], Array] | None = None
+    friction2: Callable[[Array], Array] | None = None
 
 
 class Forces(eqx.Module):
@@ -174,6 +186,6 @@ class AbstractEffect(eqx.Module):
         return cls.name or cls.__name__.lower()
 
 
-def acts_once_per_sample(effect: AbstractEffect) -> bool:
+def acts_once_per_sample(effect: AbstractEffect | type[AbstractEffect]) -> bool:
     """Whether the effect's state moves from sample to sample instead of continuously."""
     return effect.sampled or effect.block in SAMPLED

@@ -56,7 +56,7 @@ class TimeDelay(AbstractEffect):
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         past = jnp.concatenate([signals.incoming[None], x])
-        r, i = self.T / signals.dt, np.arange(len(past))
+        r, i = jnp.minimum(self.T / signals.dt, _LONGEST_DELAY), np.arange(len(past))
         rising = jnp.where((i > 0) & (r >= i - 1) & (r < i), r - (i - 1), 0.0)
         weights = rising + jnp.where((r >= i) & (r < i + 1), i + 1 - r, 0.0)
         return jnp.sum(weights * (past - signals.incoming)), past[:-1]
@@ -79,9 +79,8 @@ class Saturation(AbstractEffect):
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         most = signals.gain * self.limit
-        # Python's own comparison keeps the derivative at the edge one-sided
-        over = jnp.abs(signals.incoming) > most
-        return jnp.where(over, jnp.sign(signals.incoming) * most - signals.incoming, 0.0), x
+        u = signals.incoming
+        return jnp.where(jnp.abs(u) > most, jnp.sign(u) * most - u, 0.0), x  # nothing at all up to the limit
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         sorted_volts = np.quantile(np.abs(bench.volts), [0.9, 0.96, 0.985, 0.995, 0.999])

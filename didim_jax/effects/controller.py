@@ -40,7 +40,7 @@ class VelocityGain(AbstractEffect):
 
 
 class VelocityFilter(AbstractEffect):
-    """dqf[k] = a dqf[k-1] + (1 - a) dq[k], a = exp(-dt / T): the velocity term through a first-order filter; null T = 0."""
+    """dqf[k] = a dqf[k-1] + (1 - a) dq[k], a = exp(-dt / T): a first-order filter on the velocity; null T = 0."""
 
     block: ClassVar[Block] = Block.CONTROLLER
     name: ClassVar[str] = "velocity_filter"
@@ -51,7 +51,7 @@ class VelocityFilter(AbstractEffect):
     T: Scalar = param("s", scale=5e-4, lower=0.0, upper=2e-2, default=0.0)
 
     def init(self, signals: Signals) -> Any:
-        return 0.0 * signals.q1
+        return 0.0 * signals.q1 + signals.law_velocity  # settled, as in a motion that has been going on
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         a = remembered(self.T, signals.dt)

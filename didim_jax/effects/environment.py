@@ -52,11 +52,14 @@ class CableSpring(AbstractEffect):
 
 
 class DisturbancePulses(AbstractEffect):
-    """A on [t0 + n period, t0 + n period + width], n = 0, 1, ...: forces that come and go; null A = 0."""
+    """A sin(pi u)^n, u = (t - t0) / width within a pulse: forces that come and go every `period`; null A = 0.
+
+    n = 0 is a rectangle, 1 half a sine, 2 a raised cosine.
+    """
 
     block: ClassVar[Block] = Block.ENVIRONMENT
     name: ClassVar[str] = "disturbance_pulses"
-    equation: ClassVar[str] = "A on [t0 + n P, t0 + n P + w]"
+    equation: ClassVar[str] = "A sin(pi u)^n, u = (t - t0 - k P) / w in [0, 1]"
     size: ClassVar[str] = "5-200 N"
     source: ClassVar[str] = "process forces, collisions, injected test signals"
     own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
@@ -64,18 +67,25 @@ class DisturbancePulses(AbstractEffect):
     t0: Scalar = param("s", scale=0.05, default=1.0)
     width: Scalar = param("s", scale=0.02, lower=2e-3, upper=5.0, default=0.2)
     period: Scalar = param("s", scale=0.05, lower=0.05, upper=1e3, default=1e3)
+    n: Scalar = param("1", scale=1.0, lower=0.0, upper=3.0, default=0.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         since, dt = signals.held_since, signals.dt
         # the pulse that this sample may lie in; the one before cannot reach here, as a pulse is shorter than the period
-        n = jnp.maximum(jnp.floor((since + dt - self.t0) / self.period), 0.0)
-        begin = self.t0 + n * self.period
-        return self.A * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
+        k = jnp.maximum(jnp.floor((since + dt - self.t0) / self.period), 0.0)
+        begin = self.t0 + k * self.period
+        u = jnp.clip((since + 0.5 * dt - begin) / self.width, 1e-3, 1 - 1e-3)
+        profile = jnp.exp(self.n * jnp.log(jnp.sin(jnp.pi * u)))
+        return self.A * profile * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
-            Probe({"A": 0.5 * size}, {"t0": t0, "width": width, "period": period})
+            Probe(
+                {"A": size * peak},
+                {"t0": t0 - wider * width, "width": (1 + 2 * wider) * width, "period": period, "n": n},
+            )
             for size, t0, width, period in pulses_in(bench.disturbance, bench.dt)
+            for n, peak, wider in ((0.0, 1.0, 0.0), (1.0, 1.3, 0.15))
         )
 
 

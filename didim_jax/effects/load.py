@@ -13,9 +13,9 @@ from ._law import passed
 
 
 class SecondFlexibleMode(AbstractEffect):
-    """A third mass m3 on a spring to the load: F = m3 (w^2 (q3 - q2) + 2 zeta w (v3 - v2)), w = 2 pi f3; null m3 = 0.
+    """Part of the load, m3, hangs on a spring: F = m3 (w^2 (q3 - q2) + 2 zeta w (v3 - v2)), w = 2 pi f3; null m3 = 0.
 
-    m3 q3'' = -F. The load keeps M2: the whole mass grows by m3.
+    m3 q3'' = -F, and M2 - m3 is what moves with q2: M2 stays the whole load.
     """
 
     block: ClassVar[Block] = Block.LOAD_SIDE
@@ -31,13 +31,14 @@ class SecondFlexibleMode(AbstractEffect):
     def init(self, signals: Signals) -> Any:
         return jnp.stack([0.0 * signals.q1 + signals.q2, 0.0 * signals.q1 + signals.v2])
 
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         w = 2 * jnp.pi * self.f3
         pull = w * w * (x[0] - signals.q2) + 2 * self.zeta * w * (x[1] - signals.v2)
-        return self.m3 * pull, jnp.stack([x[1], -pull])
+        return Forces(load=self.m3 * pull, payload=-self.m3), jnp.stack([x[1], -pull])
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
-        return tuple(Probe({"m3": 3.0}, {"f3": f3, "zeta": 0.015}) for f3 in (22.0, 28.0, 35.0, 43.0, 52.0, 63.0))
+        frequencies = np.geomspace(15.0, 80.0, 22)
+        return tuple(Probe({"m3": 4.0}, {"f3": float(f3), "zeta": 0.015}) for f3 in frequencies)
 
 
 class PayloadChange(AbstractEffect):

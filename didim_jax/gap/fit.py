@@ -12,8 +12,8 @@ from .prepared import Prepared
 STOPPED = 1e6
 """Residual of a simulation that diverged: a step that leads there is rejected."""
 
-PRIORS: Mapping[str, tuple[float, float]] = {"coupling_damping.C": (25.0, 12.0)}
-"""Mean and standard deviation (SI) of what every machine has a little of, unless it is the effect looked for."""
+PRIORS: Mapping[str, tuple[float, float, float]] = {"coupling_damping.C": (25.0, 12.0, 80.0)}
+"""Mean, standard deviation and most (SI) of what every machine has a little of, unless it is the effect looked for."""
 
 START_STD = 3.0
 """Of shifts of the initial state, in typical sizes."""
@@ -106,8 +106,9 @@ class Problem:
             if place in model.of("start"):
                 priors.append((position, 0.0, START_STD))
             elif name in PRIORS and model.entries[place].owner not in free:
-                mean, std = PRIORS[name]
+                mean, std, most = PRIORS[name]
                 entry = model.entries[place]
+                low[position], high[position] = entry.encode(0.0), entry.encode(most)
                 priors.append((position, entry.encode(mean), std / entry.scale))
 
         def prior(z: np.ndarray) -> np.ndarray:

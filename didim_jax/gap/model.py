@@ -128,6 +128,7 @@ class Model:
         device: Any = None,
     ) -> None:
         effects = loop.chain.effects
+        self.effects = effects
         self.entries = tuple(_entries(loop, effects, start))
         self.names = [f"{e.owner}.{e.name}" if e.owner else e.name for e in self.entries]
         traced = _Traced(

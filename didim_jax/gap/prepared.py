@@ -23,12 +23,16 @@ CUTOFF_HZ = 60.0
 
 @dataclasses.dataclass(frozen=True)
 class Channel:
-    """One compared signal: its name, unit, row among the model's outputs, and the record's, filtered, (n_decimated,)."""
+    """One compared signal: its name, unit, row among the model's outputs, and the record's, filtered, (n_decimated,).
+
+    A `centred` one is compared without its mean: two encoders have no common zero.
+    """
 
     name: str
     unit: str
     row: int
     observed: np.ndarray
+    centred: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +49,8 @@ class Prepared:
 
     def filtered(self, outputs: np.ndarray, channel: Channel) -> np.ndarray:
         """A channel of the model's outputs, (..., 2, n), in the band, (..., n_decimated)."""
-        return self.decimation(np.moveaxis(outputs[..., channel.row, :], -1, 0)).T
+        signal = self.decimation(np.moveaxis(outputs[..., channel.row, :], -1, 0)).T
+        return signal - signal.mean(axis=-1, keepdims=True) if channel.centred else signal
 
     @staticmethod
     def model_force(outputs: np.ndarray) -> np.ndarray:
@@ -94,7 +99,8 @@ def prepare(
     decimation = Decimation.at(CUTOFF_HZ, dt)
     channels = [Channel("force", "N", 0, decimation(recording.tau))]
     if recording.ql is not None:
-        channels.append(Channel("load", "m", 1, decimation(recording.ql - recording.qm)))
+        twist = decimation(recording.ql - recording.qm)
+        channels.append(Channel("load", "m", 1, twist - twist.mean(), centred=True))
     return Prepared(recording, machine, model, decimation, tuple(channels), rigid, bench)
 
 

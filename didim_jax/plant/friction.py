@@ -32,6 +32,10 @@ class AbstractFriction(eqx.Module):
     def split(self, v: Array) -> tuple[Array, Array]:
         """(viscous part, Coulomb part) of that force, N."""
 
+    @abc.abstractmethod
+    def level(self, v: Array) -> Array:
+        """Coulomb part without its sign, N: what holds at rest too."""
+
 
 class CoulombViscous(AbstractFriction):
     """F = Fv v + Fc s(v).
@@ -45,6 +49,9 @@ class CoulombViscous(AbstractFriction):
 
     def split(self, v: Array) -> tuple[Array, Array]:
         return self.Fv * v, self.Fc * smooth_sign(v, self.v_eps)
+
+    def level(self, v: Array) -> Array:
+        return self.Fc + jnp.zeros_like(v)
 
 
 class AsymmetricCoulombViscous(AbstractFriction):
@@ -67,3 +74,7 @@ class AsymmetricCoulombViscous(AbstractFriction):
         viscous = forward * (self.Fv_pos * v) + backward * (self.Fv_neg * v)
         coulomb = forward * (self.Fc_pos * s) + backward * (self.Fc_neg * s)
         return viscous, coulomb
+
+    def level(self, v: Array) -> Array:
+        s = smooth_sign(v, self.v_eps)
+        return 0.5 * (1 + s) * self.Fc_pos + 0.5 * (1 - s) * self.Fc_neg

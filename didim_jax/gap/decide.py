@@ -1,0 +1,82 @@
+"""From the evidence to a verdict: probabilities of each effect, of none, of something else, and groups of twins.
+
+Numbers below were set on open cases by cross-validation over them; see `experiments/calibration`.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+RELEVANT = 0.15
+"""Share of the residual energy that an effect must close to be worth a name."""
+
+TEMPERATURE = 12.0
+"""Residuals are autocorrelated and laws are not exact: log-likelihoods are worth this many times less."""
+
+TWIN = 4.0
+"""Difference of tempered log-likelihood within which two effects are one group."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+    """What one step of the search found, per effect: whitened residual energy left, and the number of parameters.
+
+    `before` is the energy without any effect, `rows` the number of residuals.
+    """
+
+    effects: tuple[str, ...]
+    energy: np.ndarray
+    parameters: np.ndarray
+    before: float
+    rows: int
+
+
+def log_likelihood(evidence: Evidence) -> np.ndarray:
+    """-n/2 log energy - parameters/2 log n, tempered, (n_effects,)."""
+    n = evidence.rows / TEMPERATURE
+    return -0.5 * n * np.log(evidence.energy) - 0.5 * evidence.parameters * np.log(n)
+
+
+def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, float]:
+    """Probability of each effect, `none` and `other`, largest first; they sum to 1."""
+    out = {"none": none, "other": other}
+    if len(evidence.effects):
+        ll = log_likelihood(evidence)
+        weights = np.exp(ll - ll.max())
+        weights = (1 - none - other) * weights / weights.sum()
+        out |= dict(zip(evidence.effects, (float(w) for w in weights), strict=True))
+    total = sum(out.values())
+    return {k: v / total for k, v in sorted(out.items(), key=lambda item: -item[1])}
+
+
+def twins(evidence: Evidence, effect: str, admitted: Sequence[str]) -> tuple[str, ...]:
+    """The group of at most three that these data cannot tell apart from the effect, itself first; () when alone."""
+    ll = log_likelihood(evidence)
+    mine = ll[evidence.effects.index(effect)]
+    near = [
+        (mine - value, name)
+        for name, value in zip(evidence.effects, ll, strict=True)
+        if name != effect and name in admitted and mine - value < TWIN
+    ]
+    return (effect, *[name for _, name in sorted(near)[:2]]) if near else ()
+
+
+def logistic(z: float) -> float:
+    """1 / (1 + exp(-z))."""
+    return float(1 / (1 + np.exp(-np.clip(z, -40, 40))))
+
+
+def none(gain: float) -> float:
+    """Probability that there is no gap worth a name, from the share of residual energy that the best effect closes."""
+    return logistic(60.0 * (RELEVANT - gain))
+
+
+def other(structured: float, law_left: float) -> float:
+    """Probability of something outside the catalogue, from what is left of structure in force and control law."""
+    return max(logistic(25.0 * (structured - 0.25)), logistic(20.0 * (law_left - 0.2)))
+
+
+def settled(effect: str, other: float) -> dict[str, float]:
+    """The ranking when an effect was read off the record itself."""
+    return dict(sorted({effect: 1 - other - 1e-3, "other": other, "none": 1e-3}.items(), key=lambda item: -item[1]))

@@ -1,0 +1,107 @@
+"""Judge a fitted model on another record: only what belongs to that record is estimated, never an effect's size."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..effects import AbstractEffect
+from .fit import Fit, Problem
+from .noise import Whitening
+from .prepared import Prepared
+
+_CLOCK = 0.95
+"""Seconds by which the clocks of two runs may differ: a record begins up to 0.9 s after its machine's own run."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """A record simulated with parameters that were fitted elsewhere: x, outputs (2, n), what was moved besides."""
+
+    x: np.ndarray
+    outputs: np.ndarray
+    moved: dict[str, float]
+
+
+def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], sigma: Sequence[float]) -> Judged:
+    """Simulate a record with the machine of x; its initial state, and clocks of its effects, are its own.
+
+    `sigma` is the rms that the fit left on each channel.
+    """
+    model = record.model
+    whitening = [[Whitening(np.ones(1), s) for s in sigma]]
+    problem = Problem([record], whitening)
+    x = np.array(x, dtype=float)
+    start = model.of("start")
+    x[start] = 0.0
+    x = problem.solve(x, start, evaluations=8).xs[0]
+    moved = {}
+    for effect in effects:
+        for parameter in effect.own_to_record:
+            name = f"{effect.label()}.{parameter}"
+            if name in model.index:
+                x = _clock(problem, x, name, start)
+                moved[name] = model.decode(x)[name]
+    x = _phase(problem, x, effects, start, moved)
+    return Judged(x, model.run(x), moved)
+
+
+def _clock(problem: Problem, x: np.ndarray, name: str, start: Sequence[int]) -> np.ndarray:
+    """x with one instant moved to where this record has it."""
+    model = problem.records[0].model
+    at = model.decode(x)[name]
+    trials = [model.encode(x, {name: at + shift}) for shift in np.linspace(-_CLOCK, _CLOCK, 64)]
+    best = min(zip(_costs(problem, trials), range(len(trials)), strict=True))[1]
+    fit = problem.solve(trials[best], [*start, model.index[name]], evaluations=12)
+    return fit.xs[0]
+
+
+def _phase(
+    problem: Problem, x: np.ndarray, effects: Sequence[AbstractEffect], start: Sequence[int], moved: dict[str, float]
+) -> np.ndarray:
+    """x with the phase of the encoder's periodic error as in this record, where that is lost at power-off."""
+    model = problem.records[0].model
+    for effect in effects:
+        if effect.label() != "encoder_periodic_error":
+            continue
+        a, b = (model.decode(x)[f"{effect.label()}.{k}"] for k in "ab")
+        size, phase = float(np.hypot(a, b)), float(np.arctan2(b, a))
+        turns = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+        trials = [
+            model.encode(x, {f"{effect.label()}.a": size * np.cos(p), f"{effect.label()}.b": size * np.sin(p)})
+            for p in phase + turns
+        ]
+        costs = _costs(problem, trials)
+        best = int(np.argmin(costs))
+        if costs[best] < 0.8 * costs[0]:
+            x = problem.solve(trials[best], start, evaluations=6).xs[0]
+            moved[f"{effect.label()}.phase"] = float(turns[best])
+    return x
+
+
+def _costs(problem: Problem, trials: Sequence[np.ndarray]) -> list[float]:
+    p = problem.records[0]
+    outputs = p.model.batch(np.array(trials))
+    costs = []
+    for out in outputs:
+        cost = float(np.sum(problem.whitened(problem.residuals([out])) ** 2))
+        costs.append(cost if np.isfinite(cost) else np.inf)
+    return costs
+
+
+def relative(record: Prepared, outputs: np.ndarray) -> float:
+    """norm(F(tau - tau_sim)) / norm(F(tau)): the gap."""
+    force = record.channels[0]
+    left = force.observed - record.filtered(outputs, force)
+    return float(np.linalg.norm(left) / np.linalg.norm(force.observed))
+
+
+def left(record: Prepared, outputs: np.ndarray) -> np.ndarray:
+    """Record minus simulation of the commanded force in the band, N, (n_decimated,)."""
+    force = record.channels[0]
+    return force.observed - record.filtered(outputs, force)
+
+
+def rms_of(fit: Fit) -> list[float]:
+    """Rms that a fit leaves on each channel of its first record."""
+    return [max(float(np.sqrt(np.mean(r**2))), 1e-12) for r in fit.residuals[0]]

@@ -1,0 +1,178 @@
+"""Which effect: score all of them, refit the best with exact Jacobians, keep what gains; again, until nothing does."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..effects import AbstractEffect
+from .fit import PRIORS, Fit, Problem
+from .noise import Whitening
+from .prepared import Prepared
+from .score import Score, score
+
+SHORT, LONG = 5, 18
+"""Evaluations of a first, cheap refit of every candidate, and of the best ones."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Refit:
+    """An effect with its refit: joined to those adopted before it."""
+
+    effect: str
+    fit: Fit
+    score: Score
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One step of the search: every effect's best score, and the refits made, least cost first."""
+
+    before: Fit
+    scores: tuple[Score, ...]
+    refits: tuple[Refit, ...]
+
+
+class Searcher:
+    """Records of one machine on every device there is: the same problem, so that refits run side by side."""
+
+    def __init__(self, replicas: Sequence[Sequence[Prepared]]) -> None:
+        self.replicas = [tuple(records) for records in replicas]
+        self.records = self.replicas[0]
+        self.model = self.records[0].model
+        self.whitening: list[list[Whitening]] = [
+            [Whitening(np.ones(1), 1.0 if c.row == 0 else 1e-6) for c in p.channels] for p in self.records
+        ]
+
+    def problem(self, replica: int = 0, mask: Sequence[np.ndarray] | None = None) -> Problem:
+        """The least-squares problem on one device."""
+        return Problem(self.replicas[replica], self.whitening, mask=mask)
+
+    def weigh(self, fit: Fit) -> None:
+        """Let every channel weigh by what this fit leaves of it."""
+        self.whitening = [
+            [Whitening(np.ones(1), max(float(np.std(r)), 1e-12)) for r in row] for row in fit.residuals
+        ]
+
+    def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
+        """Work on the items, one thread per device; results in the order of the items."""
+        items = list(items)
+        if len(self.replicas) == 1:
+            return [work(self.problem(), item) for item in items]
+        free = list(range(len(self.replicas)))
+
+        def one(item: A) -> B:
+            replica = free.pop()
+            try:
+                return work(self.problem(replica), item)
+            finally:
+                free.append(replica)
+
+        with ThreadPoolExecutor(len(self.replicas)) as pool:
+            return list(pool.map(one, items))
+
+    @property
+    def base(self) -> list[int]:
+        """Places of what every fit moves: plant, smoothing, initial state, and what every machine has a little of."""
+        model = self.model
+        plant = [i for i in model.of("") if model.names[i] != "offset"]  # that one is an effect here
+        always = [model.index[name] for name in PRIORS if self.flexible and name in model.index]
+        return [*plant, *model.of("start"), *always]
+
+    @property
+    def flexible(self) -> bool:
+        """Whether the nominal plant has a coupling."""
+        return "K12" in self.model.index
+
+    def nominal(self) -> Fit:
+        """The fit without any effect: the best of a grid over mass ratio and mode, then least squares."""
+        starts = self._starts()
+        p = self.records[0]
+        outputs = p.model.batch(np.array(starts))
+        costs = [float(np.sum((p.channels[0].observed - p.filtered(out, p.channels[0])) ** 2)) for out in outputs]
+        best = starts[int(np.nanargmin(costs))]
+        problem = self.problem()
+        fit = problem.solve(best, self.base, evaluations=20)
+        self.weigh(fit)
+        return self.problem().solve(fit.xs, self.base, evaluations=12)
+
+    def _starts(self) -> list[np.ndarray]:
+        model, rigid = self.model, self.records[0].rigid
+        M, Fv, Fc = max(rigid["M"], 1.0), max(rigid["Fv"], 1.0), max(rigid["Fc"], 0.1)
+        zero = np.zeros(len(model.entries))
+        if not self.flexible:
+            return [model.encode(zero, {"M": M, "Fv": Fv, "Fc": Fc, "v_eps": 1e-3})]
+        return [
+            model.encode(
+                zero,
+                {
+                    "M1": lam * M,
+                    "M2": (1 - lam) * M,
+                    "K12": (1 - lam) * M * (2 * np.pi * f_n) ** 2,
+                    "Fv1": Fv / 2,
+                    "Fv2": Fv / 2,
+                    "Fc1": Fc / 2,
+                    "Fc2": Fc / 2,
+                    "v_eps": 3e-4,
+                    "coupling_damping.C": 25.0,
+                },
+            )
+            for lam in (0.3, 0.45, 0.6, 0.75)
+            for f_n in (11.0, 14.0, 17.0, 21.0, 26.0, 33.0, 43.0, 60.0)
+        ]
+
+    def step(
+        self, before: Fit, effects: Sequence[AbstractEffect], adopted: tuple[str, ...], candidates: int = 8
+    ) -> Step:
+        """Score `effects`, refit the best `candidates` of them on top of what `before` holds."""
+        scores = score(self.problem(), before, effects)
+        by_effect: dict[str, list[Score]] = {}
+        for s in scores:
+            by_effect.setdefault(s.effect, []).append(s)
+        tried = [
+            s
+            for name in list(by_effect)[:candidates]
+            for s in _distinct(by_effect[name], 1 if by_effect[name][0].probe.linear else 2)
+        ]
+
+        def short(problem: Problem, s: Score) -> Refit:
+            return Refit(s.effect, self._refit(problem, before, s, adopted, SHORT), s)
+
+        def long(problem: Problem, r: Refit) -> Refit:
+            fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
+            return Refit(r.effect, fit if fit.cost <= r.fit.cost else r.fit, r.score)
+
+        first = sorted(self.map(short, tried), key=lambda r: r.fit.cost)
+        # Several probes of one effect may end in several minima: the best two effects get all of theirs.
+        leaders = list(dict.fromkeys(r.effect for r in first))[:4]
+        again = [r for r in first if r.effect in leaders[:2]][:4]
+        again += [next(r for r in first if r.effect == name) for name in leaders[2:]]
+        best: dict[str, Refit] = {}
+        for r in [*self.map(long, again), *first]:
+            if r.effect not in best or r.fit.cost < best[r.effect].fit.cost:
+                best[r.effect] = r
+        top = tuple(ss[0] for ss in by_effect.values())
+        return Step(before, top, tuple(sorted(best.values(), key=lambda r: r.fit.cost)))
+
+    def _refit(self, problem: Problem, before: Fit, s: Score, adopted: tuple[str, ...], evaluations: int) -> Fit:
+        model = self.model
+        chosen = list(dict.fromkeys([*before.chosen, *model.of(s.effect)]))
+        xs = [model.encode(x, s.start) for x in before.xs]
+        return problem.solve(xs, chosen, frozenset({s.effect, *adopted}), evaluations)
+
+
+def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
+    """The best probes of one effect, not two whose signatures are nearly the same."""
+    kept: list[Score] = []
+    for s in scores:
+        if len(kept) >= most:
+            break
+        if all(_cosine(s, other) < 0.98 for other in kept):
+            kept.append(s)
+    return kept
+
+
+def _cosine(a: Score, b: Score) -> float:
+    u, v = a.signature[:, 0], b.signature[:, 0]
+    return float(abs(u @ v) / max(np.linalg.norm(u) * np.linalg.norm(v), 1e-300))

@@ -1,0 +1,36 @@
+"""Standard deviations of a fit's parameters, right where its residual is autocorrelated."""
+
+import numpy as np
+
+from ..statistics import spread
+from .fit import Fit
+from .search import Searcher
+
+
+def standard_deviations(searcher: Searcher, fit: Fit) -> dict[int, float]:
+    """By place in x, in the parameter's unit. Logarithmic entries: to first order."""
+    problem = searcher.problem()
+    residual = problem.whitened(fit.residuals)
+    J = fit.jacobian
+    own = sorted(problem.own)
+    shared = [i for i in fit.chosen if i not in own]
+    if J.shape[0] < len(residual):
+        return {}
+    rho = np.concatenate([residual, np.zeros(J.shape[0] - len(residual))])
+    seen = np.linalg.norm(J, axis=0) > 0
+    lengths = [len(r) for row in fit.residuals for r in row]
+    if J.shape[0] > len(residual):
+        lengths.append(J.shape[0] - len(residual))
+    try:
+        std = spread(J[:, seen], rho, lengths).std_autocorrelated
+    except (ValueError, np.linalg.LinAlgError):
+        return {}
+    whole = np.zeros(J.shape[1])
+    whole[seen] = std
+    values = searcher.model.decode(fit.xs[0])
+    out = {}
+    for position, place in enumerate(shared):
+        entry = searcher.model.entries[place]
+        factor = abs(values[searcher.model.names[place]]) if entry.logarithmic else entry.scale
+        out[place] = float(whole[position] * factor)
+    return out

@@ -1,0 +1,57 @@
+"""Many cases, compiled once: each in a folder of its own, side by side on the devices there are."""
+
+import contextlib
+import queue
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from ..effects import AbstractEffect
+from ..errors import InputError
+from ..files import atomic_write
+from ..gap.cases import Case, diagnose_case
+from .write_diagnosis import write_diagnosis
+
+
+def diagnose_cases(
+    cases: Sequence[Case],
+    catalogue: Sequence[type[AbstractEffect]],
+    out: Path,
+    *,
+    exclude: Collection[str],
+    devices: Sequence[Any],
+    done: Callable[[Case, str], None],
+) -> list[str]:
+    """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned."""
+    free: queue.Queue[Any] = queue.Queue()
+    for device in devices:
+        free.put(device)
+
+    def one(case: Case) -> str | None:
+        folder = out / case.name
+        with _borrowed(free) as device:
+            try:
+                diagnosis = diagnose_case(case, catalogue, folder, exclude=exclude, devices=[device])
+                write_diagnosis(diagnosis, folder)
+            except InputError as error:
+                folder.mkdir(parents=True, exist_ok=True)
+                with atomic_write(folder / "error.txt") as path:
+                    path.write_text(f"{error}\n", encoding="utf-8")
+                done(case, f"unusable: {error}")
+                return case.name
+        (folder / "error.txt").unlink(missing_ok=True)
+        done(case, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}")
+        return None
+
+    with ThreadPoolExecutor(len(devices)) as pool:
+        return [name for name in pool.map(one, cases) if name is not None]
+
+
+@contextlib.contextmanager
+def _borrowed(free: queue.Queue[Any]) -> Iterator[Any]:
+    device = free.get()
+    try:
+        yield device
+    finally:
+        free.put(device)
