@@ -230,7 +230,14 @@ def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, ex
     """All cases under a bar with the time left; exit status 1 where one could not be used."""
     import jax
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     from .report.many import diagnose_cases
 
@@ -317,7 +324,7 @@ def effects(file: Path | None = None) -> None:
     if console.is_terminal:  # two entries to a cell, which folds: nothing is cut off on a narrow screen
         table = Table(box=box.SIMPLE_HEAD, show_lines=True)
         for k in (0, 2, 4):
-            table.add_column(f"{headings[k]}, {headings[k + 1]}", no_wrap=k == 0)
+            table.add_column(f"{headings[k]}, {headings[k + 1]}", no_wrap=k == 0, overflow="fold")
         for row in rows:
             table.add_row(*(Text("\n").join(Text(cell) for cell in row[k : k + 2] if cell) for k in (0, 2, 4)))
         console.print(table)

@@ -5,6 +5,7 @@ The line names what is wrong and where (file, row, column, unit) and what to do;
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 
 import didim_jax.identify.procedure as procedure
-from didim_jax import cli
+from didim_jax import CATALOGUE, cli
 from didim_jax.formats import load_recording, save_recording
 
 PLANT = """model = "rigid"
@@ -376,6 +377,7 @@ def test_a_wrong_command_line_is_refused_in_one_line(desk, idle, arguments, word
         (("--help",), ("identify", "simulate")),
         (("identify", "--help"), ("--machine", "--check", "--cutoff-hz", "machine.toml")),
         (("simulate", "--help"), ("--plant", "--reference", "--noise")),
+        (("effects", "--help"), ("--file",)),
     ],
 )
 def test_help_goes_to_standard_output(desk, arguments, words):
@@ -419,6 +421,68 @@ def test_what_cannot_be_simulated_is_refused(desk, edit, names, options, words):
         which, old, new = edit
         names = {which: desk.edited(f"{which}.toml", old, new)}
     assert_refused(desk, desk.files(), desk.simulate(*options, **names), words)
+
+
+# -- effects -----------------------------------------------------------------------------------------------------
+
+OWN_EFFECT = """import didim_jax as dj
+
+
+class Wind(dj.AbstractEffect):
+    block = dj.Block.ENVIRONMENT
+    name = "wind"
+    equation = "A [N] t"
+    A: float = dj.param("N", default=0.0)
+
+    def __call__(self, t, x, signals):
+        return self.A * t, x
+"""
+
+
+def test_effects_are_listed_one_to_a_line_and_in_full(desk):
+    status, out, err = desk.run("effects")
+    assert (status, err) == (0, "")
+    heading, *lines = out.splitlines()
+    assert heading.split() == ["name", "block", "equation", "size", "twins", "source"]
+    assert [line.split()[0] for line in lines] == [effect.label() for effect in CATALOGUE]
+    for line, effect in zip(lines, CATALOGUE, strict=True):
+        told = (effect.block.value, effect.equation, effect.size, ", ".join(effect.twins), effect.source)
+        assert [cell for cell in told if cell not in line] == [] and "…" not in line
+
+
+def test_effects_on_a_narrow_screen_are_folded_and_not_cut(desk, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "60")
+    status, out, err = desk.run("effects")
+    assert (status, err) == (0, "") and "…" not in out
+    rows = re.sub(r"\x1b\[[\d;]*m", "", out).splitlines()
+    assert max(map(len, rows)) <= 60
+    assert {row.split()[0] for row in rows if row.split()} >= {effect.label() for effect in CATALOGUE}
+
+
+def test_effects_of_a_file_come_last(desk):
+    own = desk.write("my_effects.py", OWN_EFFECT)
+    before = desk.files()
+    status, out, err = desk.run("effects", "--file", own)
+    assert (status, err) == (0, "")
+    assert out.splitlines()[-1].split() == ["wind", "environment", "A", "[N]", "t"]
+    assert desk.files() == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (None, None, ("nowhere.py", "no such file")),
+        ("class Wind(", "class Wind((", ("my_effects.py, line", "SyntaxError")),
+        ("dj.AbstractEffect", "object", ("my_effects.py", "no effect in it")),
+        ('"wind"', '"stribeck"', ("my_effects.py", "'stribeck' is taken by the catalogue")),
+        ("default=0.0", "default=2.0", ("my_effects.py", "Wind", "at its defaults", "null")),
+    ],
+)
+def test_a_file_of_effects_with_a_mistake_is_refused(desk, old, new, words):
+    text = OWN_EFFECT
+    own = desk.write("my_effects.py", text.replace(old, new)) if old else "nowhere.py"
+    assert_refused(desk, desk.files(), desk.run("effects", "--file", own), words)
 
 
 # -- the good path -----------------------------------------------------------------------------------------------

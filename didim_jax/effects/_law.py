@@ -31,6 +31,9 @@ def remembered(time: Scalar, dt: Scalar) -> Array:
 def passed(since: Scalar, dt: Scalar, instant: Scalar) -> Array:
     """Share of the sample that begins at `since` which lies after `instant`: 0 before, 1 after, linear within.
 
-    The step's impulse is exact, and so is its derivative by the instant.
+    The step's impulse is exact, and so is its derivative by the instant: one sample alone has it, also where the
+    instant falls between two samples, to rounding.
     """
-    return jnp.clip((since + dt - instant) / dt, 0.0, 1.0)
+    after = (since + dt - instant) / dt
+    here = (after > -1e-9) & (after < 1 - 1e-9)
+    return jnp.where(here, after, jnp.where(after > 0.5, 1.0, 0.0))

@@ -51,6 +51,7 @@ class AsymmetricViscous(AbstractFrictionEffect):
     name: ClassVar[str] = "asymmetric_viscous"
     equation: ClassVar[str] = "-dFv |v|"
     size: ClassVar[str] = "15-60 N s/m"
+    twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
 
@@ -84,7 +85,7 @@ class QuadraticViscous(AbstractFrictionEffect):
     """f = c v_r^2 (|v| / v_r)^p s, v_r = 0.1 m/s: c v |v| for p = 2; null c = 0."""
 
     name: ClassVar[str] = "quadratic_viscous"
-    equation: ClassVar[str] = "-c |v|^p s"
+    equation: ClassVar[str] = "-c v_r^2 (|v| / v_r)^p s, v_r = 0.1 m/s"
     size: ClassVar[str] = "200-1200 N s2/m2"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "churning of lubricant, fans"
@@ -218,7 +219,8 @@ class FrictionDrift(AbstractEffect):
         return cls(duration=bench.duration)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
-        g = jnp.expm1(-(signals.held_since - self.t0) / self.T) / jnp.expm1(-self.duration / self.T)
+        middle = signals.held_since + 0.5 * signals.dt  # one value per sample
+        g = jnp.expm1(-(middle - self.t0) / self.T) / jnp.expm1(-self.duration / self.T)
         motor = self.d_coulomb * signals.coulomb1 + self.d_viscous * signals.viscous1
         load = self.d_coulomb * signals.coulomb2 + self.d_viscous * signals.viscous2
         return Forces(motor=-g * motor, load=-g * load), x

@@ -13,18 +13,20 @@ from ..recording import Recording
 from ..signals import LowPass, central_difference
 from . import decide
 from .atlas import Atlas, atlas
-from .diagnosis import Candidate, Diagnosis, Estimate, Gap, Run, Shift
+from .diagnosis import Candidate, Diagnosis, Estimate, Experiment, Gap, Run, Shift
+from .experiment import separating_experiment
 from .fit import Fit
 from .floor import repeat_floor
 from .judge import judge, left, relative, rms_of
 from .law import LawResidual, Pulse, encoder_grid, examine_law
-from .noise import autoregressive
 from .prepared import Prepared, prepare
 from .search import Refit, Searcher, Step
 from .spread import standard_deviations
 from .whereabouts import whereabouts
 
 MOST_EFFECTS = 4
+SETTLED, WORTH = 0.05, 0.04
+"""Structure left after an effect below which a further one is only tried if its score promises this share."""
 CONTROLLER = ("position_gain", "velocity_gain", "velocity_filter")
 INVISIBLE = ("drive_gain",)
 """Absorbed by the base parameters exactly: never looked for."""
@@ -67,7 +69,9 @@ def diagnose(
     for r, pulses in zip(recordings, injected, strict=True):
         if pulses:
             volts = np.median([abs(p.volts) for p in pulses])
-            remarks.append(f"{r.label}: vir holds {len(pulses)} pulses of {volts:.4g} V that the control law does not give.")
+            remarks.append(
+                f"{r.label}: vir holds {len(pulses)} pulses of {volts:.4g} V that the control law does not give."
+            )
     quiet = [_with(r, pulses) for r, pulses in zip(recordings, injected, strict=True)]
     replicas = [[prepare(r, machine, catalogue, device) for r in quiet] for device in devices]
     searcher = Searcher(replicas)
@@ -83,8 +87,11 @@ def diagnose(
 
     record = searcher.records[0]
     run = Run(
-        recordings[0].name, record.model.dt * np.arange(record.model.n), recordings[0].tau,
-        nominal.outputs[0][0], found.last.outputs[0][0],
+        recordings[0].name,
+        record.model.dt * np.arange(record.model.n),
+        recordings[0].tau,
+        nominal.outputs[0][0],
+        found.last.outputs[0][0],
     )
     before, after = relative(record, nominal.outputs[0]), relative(record, found.last.outputs[0])
     floor = _floor(record, found, quality, after)
@@ -101,14 +108,22 @@ def diagnose(
         adopted = [e for e in searcher.model.effects if e.label() in found.adopted]
         plain = judge(second, nominal.xs[0], (), rms_of(nominal))
         full = judge(second, found.last.xs[0], adopted, rms_of(found.last)) if found.adopted else plain
-        floor_check = floor * _norm(record) / _norm(second) * (len(record.channels[0].observed) ** -0.5) / (
-            len(second.channels[0].observed) ** -0.5
+        floor_check = (
+            floor
+            * _norm(record)
+            / _norm(second)
+            * (len(record.channels[0].observed) ** -0.5)
+            / (len(second.channels[0].observed) ** -0.5)
         )
-        gaps["check"] = Gap(
-            relative(second, plain.outputs), relative(second, full.outputs), floor_check, predicted
-        )
+        gaps["check"] = Gap(relative(second, plain.outputs), relative(second, full.outputs), floor_check, predicted)
         runs.append(
-            Run(checked.name, second.model.dt * np.arange(second.model.n), checked.tau, plain.outputs[0], full.outputs[0])
+            Run(
+                checked.name,
+                second.model.dt * np.arange(second.model.n),
+                checked.tau,
+                plain.outputs[0],
+                full.outputs[0],
+            )
         )
         share, interval = _closed(second, plain.outputs, full.outputs, floor_check)
         remarks += [f"{name} is {value:.4g} on the check record: its own." for name, value in full.moved.items()]
@@ -127,12 +142,16 @@ def diagnose(
         interval=interval,
         last_in={e: found.last_in[e] for e in verdict.effects if e in found.last_in},
         where=whereabouts(searcher, nominal, found.last, found.adopted),
-        experiment=None,
+        experiment=_experiment(searcher, found, verdict, catalogue),
         remarks=tuple(remarks),
         candidates=_candidates(searcher, found, verdict.ranking, floor),
         atlas=_atlas(record, left(record, nominal.outputs[0])),
         atlas_after=_atlas(record, left(record, found.last.outputs[0])),
         runs=tuple(runs),
+        evidence={
+            **dataclasses.asdict(quality),
+            "steps": [dataclasses.asdict(_evidence(searcher, step)) for step in found.steps],
+        },
         machine=machine.name,
         synthetic=any(r.synthetic for r in recordings),
     )
@@ -152,9 +171,7 @@ def _with(recording: Recording, pulses: Sequence[Pulse]) -> Recording:
 # -- search ------------------------------------------------------------------------------------------------------
 
 
-def _controller(
-    law: LawResidual, exclude: Collection[str], remarks: list[str]
-) -> tuple[dict[str, float], float]:
+def _controller(law: LawResidual, exclude: Collection[str], remarks: list[str]) -> tuple[dict[str, float], float]:
     """What the control-law residual says of the controller: parameters by name, and share of r_C left unexplained."""
     if not law.significant:
         return {}, 0.0
@@ -184,7 +201,9 @@ def _search(
         last = searcher.problem().solve(last.xs, last.chosen, evaluations=6)
     free = adopted
     while len(adopted) < MOST_EFFECTS:
-        step = searcher.step(last, [e for e in effects if e.label() not in adopted], free)
+        settled = bool(adopted) and _structure(searcher, last) < SETTLED
+        others = [e for e in effects if e.label() not in adopted]
+        step = searcher.step(last, others, free, worth=WORTH if settled else 0.0)
         steps.append(step)
         if not step.refits:
             break
@@ -223,6 +242,12 @@ def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
     return searcher.problem().solve(fit.xs, fit.chosen, free, 12)
 
 
+def _structure(searcher: Searcher, fit: Fit) -> float:
+    """Share of the first record's residual that still depends on the motion, a slow drift weighed out first."""
+    record, r = searcher.records[0], fit.residuals[0][0]
+    return _atlas(record, record.whitening(record.channels[0], r)(r)).explainable
+
+
 def _eliminate(
     searcher: Searcher, nominal: Fit, last: Fit, adopted: tuple[str, ...], fixed: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Fit, dict[str, float]]:
@@ -236,8 +261,11 @@ def _eliminate(
             without[name] = fit
             whole = _energy(nominal) - _energy(last)
             last_in[name] = float(np.clip((_energy(fit) - _energy(last)) / max(whole, 1e-300), 0.0, 1.0))
-        superfluous = [n for n in adopted if n not in fixed and len(adopted) > 1
-                       and 1 - _energy(last) / _energy(without[n]) < decide.RELEVANT]
+        superfluous = [
+            n
+            for n in adopted
+            if n not in fixed and len(adopted) > 1 and 1 - _energy(last) / _energy(without[n]) < decide.RELEVANT
+        ]
         if not superfluous:
             return adopted, last, last_in
         gone = min(superfluous, key=lambda n: last_in[n])
@@ -275,12 +303,9 @@ class Quality:
 
     @classmethod
     def of(cls, searcher: Searcher, found: Found, law_left: float) -> "Quality":
-        record = searcher.records[0]
         first = found.steps[0] if found.steps else None
         gain = 0.0 if first is None or not first.refits else 1 - first.refits[0].fit.cost / first.before.cost
-        before = _atlas(record, left(record, found.nominal.outputs[0]))
-        after = _atlas(record, left(record, found.last.outputs[0]))
-        return cls(gain, before.explainable, after.explainable, law_left)
+        return cls(gain, _structure(searcher, found.nominal), _structure(searcher, found.last), law_left)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -330,7 +355,10 @@ def _evidence(searcher: Searcher, step: Step) -> decide.Evidence:
     model = searcher.model
     if not step.refits:
         return decide.Evidence((), np.zeros(0), np.zeros(0), 1.0, 1)
-    filters = [[autoregressive(r, 8) for r in row] for row in step.refits[0].fit.residuals]
+    filters = [
+        [p.whitening(c, r) for c, r in zip(p.channels, row, strict=True)]
+        for p, row in zip(searcher.records, step.refits[0].fit.residuals, strict=True)
+    ]
 
     def energy(fit: Fit) -> float:
         return float(
@@ -349,6 +377,20 @@ def _evidence(searcher: Searcher, step: Step) -> decide.Evidence:
         energy(step.before),
         rows,
     )
+
+
+def _experiment(
+    searcher: Searcher, found: Found, verdict: Verdict, catalogue: Sequence[type[AbstractEffect]]
+) -> Experiment | None:
+    """What would part the first group of twins."""
+    if verdict.verdict != "ambiguous":
+        return None
+    group = verdict.groups[0]
+    step = next((s for s in found.steps if s.refits and s.refits[0].effect == group[0]), None)
+    if step is None:
+        return None
+    fits = [r.fit for r in step.refits if r.effect in group]
+    return separating_experiment(searcher.records[0], catalogue, searcher.base, fits)
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------
@@ -429,9 +471,7 @@ def _base(searcher: Searcher, found: Found) -> dict[str, Shift]:
     }
 
 
-def _candidates(
-    searcher: Searcher, found: Found, ranking: dict[str, float], floor: float
-) -> tuple[Candidate, ...]:
+def _candidates(searcher: Searcher, found: Found, ranking: dict[str, float], floor: float) -> tuple[Candidate, ...]:
     if not found.steps:
         return ()
     record, model = searcher.records[0], searcher.model
@@ -457,8 +497,12 @@ def _atlas(record: Prepared, residual: np.ndarray) -> Atlas:
     v = low(central_difference(q, dt), odd=False)
     a = low(central_difference(central_difference(q, dt), dt), odd=False)
     return atlas(
-        record.t, residual, q[::factor], v[::factor], a[::factor], record.recording.qg[::factor], dt * factor,
+        record.t,
+        residual,
+        q[::factor],
+        v[::factor],
+        a[::factor],
+        record.recording.qg[::factor],
+        dt * factor,
         record.bench.lead,
     )
-
-

@@ -85,7 +85,7 @@ class Experiment:
 class Diagnosis:
     """The answer to: where is the gap, which effect causes it, how far does it shrink. See the contract's schema.
 
-    `verdict` is none, effect, ambiguous or unexplained. `share`, `interval`: of the explainable gap closed on the check
+    `evidence` holds the numbers that the verdict was drawn from. `verdict` is none, effect, ambiguous or unexplained. `share`, `interval`: of the explainable gap closed on the check
     record (on the fit record without one). `runs`: fit records, then the check record.
     """
 
@@ -107,5 +107,6 @@ class Diagnosis:
     atlas: Atlas | None
     atlas_after: Atlas | None
     runs: tuple[Run, ...]
+    evidence: dict[str, Any]
     machine: str
     synthetic: bool

@@ -15,7 +15,7 @@ STOPPED = 1e6
 PRIORS: Mapping[str, tuple[float, float, float]] = {"coupling_damping.C": (25.0, 12.0, 80.0)}
 """Mean, standard deviation and most (SI) of what every machine has a little of, unless it is the effect looked for."""
 
-START_STD = 3.0
+START_STD = 10.0
 """Of shifts of the initial state, in typical sizes."""
 
 
@@ -146,8 +146,16 @@ class Problem:
         inside = np.where(np.isfinite(high - low), 1e-6 * (high - low), 1e-6)
         z0 = np.clip(z0, low + inside, high - inside)
         found = scipy.optimize.least_squares(
-            fun, z0, jac, bounds=(low, high), method="trf", x_scale="jac", max_nfev=evaluations,
-            ftol=tolerance, xtol=1e-6, gtol=1e-12,
+            fun,
+            z0,
+            jac,
+            bounds=(low, high),
+            method="trf",
+            x_scale="jac",
+            max_nfev=evaluations,
+            ftol=tolerance,
+            xtol=1e-6,
+            gtol=1e-12,
         )
         xs = spread(found.x)
         outputs = [p.model.run(x_r) for p, x_r in zip(self.records, xs, strict=True)]

@@ -29,12 +29,12 @@ def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], si
     `sigma` is the rms that the fit left on each channel.
     """
     model = record.model
-    whitening = [[Whitening(np.ones(1), s) for s in sigma]]
+    whitening = [[Whitening.flat(len(c.observed), s) for c, s in zip(record.channels, sigma, strict=True)]]
     problem = Problem([record], whitening)
     x = np.array(x, dtype=float)
     start = model.of("start")
     x[start] = 0.0
-    x = problem.solve(x, start, evaluations=8).xs[0]
+    x = problem.solve(x, start, evaluations=20, tolerance=1e-6).xs[0]
     moved = {}
     for effect in effects:
         for parameter in effect.own_to_record:

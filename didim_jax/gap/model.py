@@ -26,7 +26,7 @@ SOLVER = Unrolled(dfx.Bosh3())
 SUBSTEPS = 2
 """Two short steps a sample: a sign as sharp as 0.1 mm/s is stiff, and must stay stable at rest."""
 
-WIDTH = 24
+WIDTH = 20
 """Columns of a Jacobian that are computed together; more take several turns, so that nothing compiles twice."""
 
 

@@ -1,35 +1,39 @@
-"""The noise of a residual: an autoregressive model that whitens it, estimated from the residual itself."""
+"""The noise of a residual: white, and a slow drift that a criterion on white noise would take for an effect.
+
+A slow force (bearings, drafts, a warming amplifier) is an Ornstein-Uhlenbeck process here, one-sided spectrum
+S(f) = 4 s^2 T / (1 + (2 pi f T)^2). Weights are applied line by line of a cosine transform, which keeps time.
+"""
 
 import dataclasses
 
 import numpy as np
-import scipy.linalg
-import scipy.signal
+import scipy.fft
+
+CORRELATION_TIME = 3.0
+"""T, s."""
+
+SLOW_SHARE = 0.007
+"""s against the rms of the channel."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Whitening:
-    """e[k] = (r[k] + a_1 r[k-1] + ... + a_p r[k-p]) / sigma: innovations of unit variance."""
+    """e = C' w C r, C the orthonormal cosine transform: innovations of about unit variance; `weights` (n,)."""
 
-    a: np.ndarray
-    sigma: float
+    weights: np.ndarray
+
+    @classmethod
+    def flat(cls, n: int, sigma: float) -> "Whitening":
+        """White noise of rms sigma."""
+        return cls(np.full(n, 1 / sigma))
+
+    @classmethod
+    def of(cls, n: int, dt: float, sigma: float, slow: float) -> "Whitening":
+        """White noise of rms sigma and a slow drift of rms `slow`, at a sample time dt (s)."""
+        f = np.arange(n) / (2 * n * dt)
+        drift = 4 * slow**2 * CORRELATION_TIME / (1 + (2 * np.pi * f * CORRELATION_TIME) ** 2)
+        return cls(1 / np.sqrt(sigma**2 + drift / (2 * dt)))
 
     def __call__(self, r: np.ndarray) -> np.ndarray:
-        """Along the last axis; before the first sample the residual was as then."""
-        zi = scipy.signal.lfilter_zi(self.a, [1.0])
-        return scipy.signal.lfilter(self.a, [1.0], r, axis=-1) / self.sigma if zi.size == 0 else self._settled(r)
-
-    def _settled(self, r: np.ndarray) -> np.ndarray:
-        padded = np.concatenate([np.zeros((*r.shape[:-1], len(self.a) - 1)), r], axis=-1)
-        return scipy.signal.lfilter(self.a, [1.0], padded, axis=-1)[..., len(self.a) - 1 :] / self.sigma
-
-
-def autoregressive(r: np.ndarray, order: int = 10, least: float = 0.0) -> Whitening:
-    """Yule-Walker on the biased autocovariance of r, (n,); `least` is the smallest rms of the innovations."""
-    r = r - 0.0
-    n = len(r)
-    c = np.array([r[: n - k] @ r[k:] / n for k in range(order + 1)])
-    c[0] *= 1 + 1e-6  # a residual that is nothing but smooth has no unpredictable part
-    a = scipy.linalg.solve_toeplitz(c[:order], -c[1:]) if order else np.zeros(0)
-    sigma = float(np.sqrt(max(c[0] + a @ c[1:], 0.0)))
-    return Whitening(np.concatenate([[1.0], a]), max(sigma, least, 1e-300))
+        """Along the last axis."""
+        return scipy.fft.idct(self.weights * scipy.fft.dct(r, norm="ortho", axis=-1), norm="ortho", axis=-1)

@@ -15,6 +15,7 @@ from ..recording import Recording
 from ..rig import excitation, first_state
 from ..signals import Decimation, LowPass, central_difference
 from ..simulate import SampledLoop
+from .noise import SLOW_SHARE, Whitening
 from .model import SOLVER, SUBSTEPS, Model
 
 CUTOFF_HZ = 60.0
@@ -34,6 +35,11 @@ class Channel:
     observed: np.ndarray
     centred: bool = False
 
+    @property
+    def rms(self) -> float:
+        """Of the record's signal in the band."""
+        return float(np.sqrt(np.mean(self.observed**2)))
+
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
@@ -51,6 +57,12 @@ class Prepared:
         """A channel of the model's outputs, (..., 2, n), in the band, (..., n_decimated)."""
         signal = self.decimation(np.moveaxis(outputs[..., channel.row, :], -1, 0)).T
         return signal - signal.mean(axis=-1, keepdims=True) if channel.centred else signal
+
+    def whitening(self, channel: Channel, residual: np.ndarray) -> Whitening:
+        """What makes this residual of a channel white."""
+        dt = self.model.dt * self.decimation.factor
+        sigma = max(float(np.sqrt(np.mean(residual**2))), 1e-4 * channel.rms)
+        return Whitening.of(len(residual), dt, sigma, SLOW_SHARE * channel.rms)
 
     @staticmethod
     def model_force(outputs: np.ndarray) -> np.ndarray:

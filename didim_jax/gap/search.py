@@ -15,6 +15,9 @@ from .score import Score, score
 SHORT, LONG = 5, 18
 """Evaluations of a first, cheap refit of every candidate, and of the best ones."""
 
+RIVAL = 2.5
+"""Times the least cost after the cheap refits that a rival may leave and still be refitted in full."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Refit:
@@ -42,7 +45,7 @@ class Searcher:
         self.records = self.replicas[0]
         self.model = self.records[0].model
         self.whitening: list[list[Whitening]] = [
-            [Whitening(np.ones(1), 1.0 if c.row == 0 else 1e-6) for c in p.channels] for p in self.records
+            [Whitening.flat(len(c.observed), 0.02 * c.rms) for c in p.channels] for p in self.records
         ]
 
     def problem(self, replica: int = 0, mask: Sequence[np.ndarray] | None = None) -> Problem:
@@ -52,7 +55,8 @@ class Searcher:
     def weigh(self, fit: Fit) -> None:
         """Let every channel weigh by what this fit leaves of it."""
         self.whitening = [
-            [Whitening(np.ones(1), max(float(np.std(r)), 1e-12)) for r in row] for row in fit.residuals
+            [p.whitening(c, r) for c, r in zip(p.channels, row, strict=True)]
+            for p, row in zip(self.records, fit.residuals, strict=True)
         ]
 
     def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
@@ -123,10 +127,20 @@ class Searcher:
         ]
 
     def step(
-        self, before: Fit, effects: Sequence[AbstractEffect], adopted: tuple[str, ...], candidates: int = 8
+        self,
+        before: Fit,
+        effects: Sequence[AbstractEffect],
+        adopted: tuple[str, ...],
+        candidates: int = 7,
+        worth: float = 0.0,
     ) -> Step:
-        """Score `effects`, refit the best `candidates` of them on top of what `before` holds."""
+        """Score `effects`, refit the best `candidates` of them on top of what `before` holds.
+
+        Nothing is refitted where no score reaches the share `worth`.
+        """
         scores = score(self.problem(), before, effects)
+        if not scores or scores[0].share < worth:
+            return Step(before, tuple(scores), ())
         by_effect: dict[str, list[Score]] = {}
         for s in scores:
             by_effect.setdefault(s.effect, []).append(s)
@@ -135,6 +149,9 @@ class Searcher:
             for name in list(by_effect)[:candidates]
             for s in _distinct(by_effect[name], 1 if by_effect[name][0].probe.linear else 2)
         ]
+        # A mode is found from several starts or not at all.
+        seen = {id(s) for s in tried}
+        tried += [s for name in list(by_effect)[:3] for s in _distinct(by_effect[name], 2) if id(s) not in seen]
 
         def short(problem: Problem, s: Score) -> Refit:
             return Refit(s.effect, self._refit(problem, before, s, adopted, SHORT), s)
@@ -145,9 +162,10 @@ class Searcher:
 
         first = sorted(self.map(short, tried), key=lambda r: r.fit.cost)
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
-        leaders = list(dict.fromkeys(r.effect for r in first))[:4]
-        again = [r for r in first if r.effect in leaders[:2]][:4]
-        again += [next(r for r in first if r.effect == name) for name in leaders[2:]]
+        near = [r for r in first if r.fit.cost < RIVAL * first[0].fit.cost]
+        leaders = list(dict.fromkeys(r.effect for r in near))[:4]
+        again = [r for r in near if r.effect in leaders[:2]][:4]
+        again += [next(r for r in near if r.effect == name) for name in leaders[2:]]
         best: dict[str, Refit] = {}
         for r in [*self.map(long, again), *first]:
             if r.effect not in best or r.fit.cost < best[r.effect].fit.cost:

@@ -1,19 +1,22 @@
 """A diagnosis as the JSON document that the contract describes."""
 
 import dataclasses
-import math
 from typing import Any
 
 from ..gap.diagnosis import Diagnosis
+from .document import plain
+
+SCHEMA = 1
+"""Raised when a key changes its name or its meaning; a new key leaves it."""
 
 
 def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
-    """The document, schema 1; numbers that do not exist are null."""
+    """The document, schema 1, everything but the signals. Nothing is rounded; numbers that do not exist are null."""
     document = {
-        "schema": 1,
+        "schema": SCHEMA,
         "verdict": d.verdict,
-        "effects": list(d.effects),
-        "ambiguous_with": [list(group) for group in d.ambiguous_with],
+        "effects": d.effects,
+        "ambiguous_with": d.ambiguous_with,
         "ranking": [{"effect": name, "probability": p} for name, p in d.ranking],
         "parameters": d.parameters,
         "block": d.block,
@@ -21,13 +24,14 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
         "gap": {
             name: {k: v for k, v in dataclasses.asdict(gap).items() if v is not None} for name, gap in d.gap.items()
         },
-        "closed": None if d.share is None else {"share": d.share, "interval": list(d.interval or ())},
+        "closed": None if d.share is None else {"share": d.share, "interval": d.interval},
         "last_in": d.last_in,
         "where": dataclasses.asdict(d.where),
         "separating_experiment": None if d.experiment is None else dataclasses.asdict(d.experiment),
         "candidates": [
             {
                 "effect": c.effect,
+                "probability": c.probability,
                 "gap": c.gap,
                 "share": c.share,
                 "parameters": {k: dataclasses.asdict(v) for k, v in c.parameters.items()},
@@ -35,21 +39,10 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
             for c in d.candidates
         ],
         "atlas": None if d.atlas is None else d.atlas.as_json(),
+        "atlas_after": None if d.atlas_after is None else d.atlas_after.as_json(),
+        "evidence": d.evidence,
         "machine": d.machine,
         "synthetic": d.synthetic,
-        "remarks": list(d.remarks),
+        "remarks": d.remarks,
     }
-    return _plain(document)
-
-
-def _plain(value: Any) -> Any:
-    """Python numbers instead of NumPy's, null instead of what is not finite."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    return plain(document)
