@@ -4,7 +4,6 @@ Numbers below were set on open cases by cross-validation over them; see `experim
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -50,14 +49,14 @@ def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, fl
     return {k: v / total for k, v in sorted(out.items(), key=lambda item: -item[1])}
 
 
-def twins(evidence: Evidence, effect: str, admitted: Sequence[str]) -> tuple[str, ...]:
+def twins(evidence: Evidence, effect: str) -> tuple[str, ...]:
     """The group of at most three that these data cannot tell apart from the effect, itself first; () when alone."""
     ll = log_likelihood(evidence)
     mine = ll[evidence.effects.index(effect)]
     near = [
         (mine - value, name)
         for name, value in zip(evidence.effects, ll, strict=True)
-        if name != effect and name in admitted and mine - value < TWIN
+        if name != effect and mine - value < TWIN
     ]
     return (effect, *[name for _, name in sorted(near)[:2]]) if near else ()
 

@@ -25,6 +25,7 @@ from .spread import standard_deviations
 from .whereabouts import whereabouts
 
 MOST_EFFECTS = 4
+_TRANSIENT = 0.6  # s
 SETTLED, WORTH = 0.05, 0.04
 """Structure left after an effect below which a further one is only tried if its score promises this share."""
 CONTROLLER = ("position_gain", "velocity_gain", "velocity_filter")
@@ -344,10 +345,16 @@ def _verdict(
             return Verdict("effect", ("encoder_quantisation",), (), decide.settled("encoder_quantisation", other))
         return Verdict("none", (), (), ranking)
     groups = []
-    for name, step in zip([n for n in found.adopted if n not in found.fixed], evidence, strict=False):
-        if name in step.effects and (group := decide.twins(step, name, step.effects)):
+    for name in found.adopted:
+        step = _step_of(found, name)
+        if step is not None and (group := decide.twins(_evidence(searcher, step), name)):
             groups.append(group)
     return Verdict("ambiguous" if groups else "effect", found.adopted, tuple(groups), ranking)
+
+
+def _step_of(found: Found, effect: str) -> Step | None:
+    """The step in which an effect was adopted; None for one that was read off the control law."""
+    return next((s for s in found.steps if s.refits and s.refits[0].effect == effect), None)
 
 
 def _evidence(searcher: Searcher, step: Step) -> decide.Evidence:
@@ -386,7 +393,7 @@ def _experiment(
     if verdict.verdict != "ambiguous":
         return None
     group = verdict.groups[0]
-    step = next((s for s in found.steps if s.refits and s.refits[0].effect == group[0]), None)
+    step = _step_of(found, group[0])
     if step is None:
         return None
     fits = [r.fit for r in step.refits if r.effect in group]
@@ -420,7 +427,8 @@ def _predict(
     ahead = prepare(outline, machine, catalogue, None, record.bench)
     x = np.array(found.last.xs[0])
     x[ahead.model.of("start")] = 0.0
-    simulated = ahead.decimation(ahead.model.run(x)[0])
+    # Without its qm the record's initial state is not known: what the guess stirs up has died down by then.
+    simulated = ahead.decimation(ahead.model.run(x)[0])[ahead.t > _TRANSIENT]
     rms = float(np.sqrt(np.mean(left(record, found.last.outputs[0]) ** 2)))
     return rms / float(np.sqrt(np.mean(simulated**2)))
 

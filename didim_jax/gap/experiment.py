@@ -36,6 +36,8 @@ def separating_experiment(
         if signatures is None:
             continue
         pairs = [_apart(a, b) for a, b in itertools.combinations(signatures, 2)]
+        if not pairs:
+            return None
         signal, angle = min(pairs)
         if best is None or signal > best[0]:
             best = (signal, Experiment(item.what, float(np.degrees(angle))))

@@ -21,7 +21,7 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
     `changed` is False where no effect was adopted: there is then one simulation, not two.
     """
     figure, axes = canvas(
-        10.4, 4.9, 3, 3, margins=(0.65, 0.15, 0.48, 0.35), height_ratios=(1.05, 1, 1.05), hspace=0.45, wspace=0.2
+        10.4, 4.9, 3, 3, margins=(0.65, 0.15, 0.48, 0.35), height_ratios=(1.05, 1, 0.8), hspace=0.56, wspace=0.2
     )
     grid = axes[0, 0].get_subplotspec().get_gridspec()
     for ax in axes[0, 1:]:
@@ -81,6 +81,8 @@ def _zooms(axes: np.ndarray, run: Run, windows: list[slice], curves: list[tuple[
         _frame(bottom, run.t[part], "residual, N" if k == 0 else "", "time, s")
         bottom.set_ylim(*limits)
         top.tick_params(labelbottom=False)
+        box = bottom.get_position()  # the upper one has no numbers under it, so there is room
+        bottom.set_position((box.x0, box.y0, box.width, box.height + 0.45 * (top.get_position().y0 - box.y1)))
         if k:
             bottom.tick_params(labelleft=False)
         title(top, f"{k + 1}: {run.t[part][0]:.2f}–{run.t[part][-1]:.2f} s")
@@ -101,7 +103,7 @@ def _limits(rows: list[np.ndarray]) -> tuple[float, float]:
 
 
 def worst_stretches(t: np.ndarray, before: np.ndarray, after: np.ndarray, seconds: float = ZOOM_SECONDS) -> list[slice]:
-    """At most three stretches that do not overlap, in order of time: two worst before, one worst after (root mean square)."""
+    """At most three stretches that do not overlap, by time: two worst before, one worst after (root mean square)."""
     n = max(2, round(seconds * (len(t) - 1) / float(t[-1] - t[0])) + 1)
     if n >= len(t):
         return [slice(0, len(t))]

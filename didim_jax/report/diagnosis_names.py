@@ -5,6 +5,10 @@ from collections.abc import Sequence
 _EFFECTS = {
     "none": "no effect",
     "other": "something else",
+    "position_gain": "another position gain",
+    "velocity_gain": "another velocity gain",
+    "velocity_filter": "another velocity filter",
+    "drive_gain": "another drive gain",
     "saturation": "saturation below the documented limit",
     "gain_nonlinearity": "nonlinear drive gain",
     "asymmetric_coulomb": "asymmetric Coulomb friction",
@@ -16,7 +20,8 @@ _EFFECTS = {
     "presliding": "presliding friction",
     "load_dependent_friction": "load-dependent friction",
     "base_flexibility": "flexible base",
-    "offset": "constant force (offset)",
+    "encoder_periodic_error": "periodic encoder error",
+    "offset": "constant force",
     "cable_spring": "cable spring",
 }
 """Only where the short name, its underscores as spaces, does not read well."""
@@ -50,7 +55,7 @@ def listed(items: Sequence[str], last: str = "and") -> str:
 
 def chance(p: float) -> str:
     """A probability in whole percent; never 0 % or 100 %, which it is not."""
-    return "<1 %" if p < 0.005 else ">99 %" if p > 0.995 else f"{100 * p:.0f} %"
+    return "<1 %" if p < 0.01 else ">99 %" if p > 0.99 else f"{100 * p:.0f} %"
 
 
 def capital(text: str) -> str:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import jinja2
+from matplotlib.figure import Figure
 
 from ..effects.catalogue import CATALOGUE
 from ..gap.diagnosis import Diagnosis, Run
 from .atlas import atlas_figure
-from .canvas import png
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named
 from .diagnosis_summary import shown_ranking, summary_figure, twins
@@ -32,15 +32,27 @@ BADGES = {
 }
 
 
-def render_diagnosis(d: Diagnosis) -> str:
-    """The page, its figures inside it."""
+def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
+    """summary, atlas, and force_fit, force_fit_2, ..., force_check."""
+    figures = {"summary": summary_figure(d)}
+    if d.atlas is not None:
+        figures["atlas"] = atlas_figure(d.atlas, d.atlas_after if d.effects else None)
+    for name, run in named_runs(d).items():
+        own = f" {run.name}" if run.name != name else ""
+        title = f"{role(name)} record{own}{' — SYNTHETIC' if d.synthetic else ''}"
+        figures[f"force_{name}"] = run_figure(run, title, d.gap.get(name), bool(d.effects))
+    return figures
+
+
+def render_diagnosis(d: Diagnosis, figures: Mapping[str, bytes]) -> str:
+    """The page, with each figure (PNG, by the names of `draw_diagnosis`) inside it."""
     return _template().render(
         d=d,
         badge=BADGES[d.verdict],
         headline=headline(d),
         answers=answers(d),
         records={name: run.name for name, run in named_runs(d).items()},
-        figures={name: base64.b64encode(picture).decode("ascii") for name, picture in _pictures(d).items()},
+        figures={name: base64.b64encode(png).decode("ascii") for name, png in figures.items()},
         adopted=[_adopted(d, effect) for effect in d.effects],
         ranking=_ranking(d),
         gaps=[_gap(d, name) for name in d.gap],
@@ -66,18 +78,6 @@ def named_runs(d: Diagnosis) -> dict[str, Run]:
     fits = len(d.runs) - ("check" in d.gap)
     names = ["fit" if k == 0 else f"fit_{k + 1}" for k in range(fits)]
     return dict(zip([*names, "check"] if fits < len(d.runs) else names, d.runs, strict=True))
-
-
-def _pictures(d: Diagnosis) -> dict[str, bytes]:
-    """summary, atlas, and force_fit, force_fit_2, ..., force_check."""
-    figures = {"summary": summary_figure(d)}
-    if d.atlas is not None:
-        figures["atlas"] = atlas_figure(d.atlas, d.atlas_after if d.effects else None)
-    for name, run in named_runs(d).items():
-        own = f" {run.name}" if run.name != name else ""
-        title = f"{role(name)} record{own}{' — SYNTHETIC' if d.synthetic else ''}"
-        figures[f"force_{name}"] = run_figure(run, title, d.gap.get(name), bool(d.effects))
-    return {name: png(figure) for name, figure in figures.items()}
 
 
 def _adopted(d: Diagnosis, effect: str) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def _ranking(d: Diagnosis) -> list[dict[str, Any]]:
                 "adopted": effect in d.effects,
                 "chance": chance(p),
                 "width": f"{100 * p:.1f}",
-                "gap": percent(c.gap) if c else NO_NUMBER,
+                "gap": percent(d.gap["fit"].before if effect == "none" else c.gap if c else math.nan),
                 "share": f"{100 * c.share:.0f} %" if c and math.isfinite(c.share) else NO_NUMBER,
                 "parameters": [estimate(k, vars(v)) for k, v in c.parameters.items()] if c else [],
                 "twin": effect in group,

@@ -1,4 +1,4 @@
-"""The gap against the one variable that it goes with: the shape of the law that is missing, before any law is fitted."""
+"""The gap against the one variable that it goes with: the shape of what is missing, before any law is fitted."""
 
 import dataclasses
 
@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from ..gap.atlas import Atlas
 from ..gap.diagnosis import Diagnosis
 from .canvas import INK, RESIDUAL, SIMULATED, label, title
+from .diagnosis_words import leading
 
 _BINS = 48
 _FEWEST = 6
@@ -36,7 +37,7 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
     if before is None:
         ax.text(0.5, 0.5, "the residual was not mapped", transform=ax.transAxes, ha="center", color=INK, fontsize=9)
         return
-    view = None if d.where.time_s else _view(before)
+    view = None if d.where.time_s or d.verdict == "none" else _view(before)
     for one, colour, name in ((before, RESIDUAL, "before"), (after, SIMULATED, "after")):
         if one is None:
             continue
@@ -47,22 +48,34 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
     for on, off in d.where.time_s or []:
         ax.axvspan(on, off, color="#f3e9c6", linewidth=0, zorder=0)
     if view is None:
-        title(ax, "the gap over time")
+        title(ax, "gap over time")
         label(ax, x="time, s", y="residual, N rms over 0.1 s")
+        noise = (after or before).floor_rms
+        ax.axhline(noise, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="noise", zorder=4)
         ax.set_ylim(bottom=0)
     else:
         ax.axhline(0, color="black", linewidth=0.6, zorder=1)
         kind = "force along the motion" if view.along else "force"
-        title(ax, f"the gap against {view.name.split(',')[0]}")
+        title(ax, f"gap against {view.name.split(',')[0]}")
         label(ax, x=view.name, y=f"missing {kind}, N")
-    if after is not None:
-        ax.legend(loc="best", frameon=False, fontsize=8.5, handlelength=1.4)
+    if after is not None or view is None:
+        ax.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.03, 0.985),
+            ncols=3,
+            frameon=False,
+            fontsize=8.5,
+            handlelength=1.2,
+            columnspacing=0.9,
+            handletextpad=0.4,
+            borderaxespad=0.1,
+        )
 
 
 def _view(one: Atlas) -> _View | None:
     """By the variable that closes most alone; None where it is one that has no simple axis."""
-    first = one.variables[0]
-    if first.share < 0.1:
+    first = leading(one)
+    if first is None:
         return None
     dt = float(np.median(np.diff(one.t)))
     velocity = np.gradient(one.reference, dt)

@@ -21,7 +21,7 @@ def summary_figure(d: Diagnosis) -> Figure:
     figure, axes = canvas(_WIDTH, _HEIGHT, 1, 3, margins=(0.6, 0.15, 0.5, 0.35))
     where, which, far = axes[0]
     third = _WIDTH / 3
-    for k, (ax, left) in enumerate(((where, 0.6), (which, 2.05), (far, 0.65))):
+    for k, (ax, left) in enumerate(((where, 0.6), (which, 1.75), (far, 0.65))):
         ax.set_position(
             ((k * third + left) / _WIDTH, 0.5 / _HEIGHT, (third - left - 0.25) / _WIDTH, (_HEIGHT - 0.85) / _HEIGHT)
         )
@@ -58,7 +58,7 @@ def _ranking(ax: Axes, d: Diagnosis) -> None:
     ax.set_xlim(0, 100)
     ax.grid(axis="y", visible=False)
     label(ax, x="probability, %")
-    title(ax, "the effects of the catalogue")
+    title(ax, "effects of the catalogue")
 
 
 def shown_ranking(d: Diagnosis, most: int) -> list[tuple[str, float]]:
@@ -79,9 +79,9 @@ def twins(d: Diagnosis) -> tuple[str, ...]:
 
 def _short(text: str) -> str:
     """In two lines where one is too long."""
-    if len(text) <= 24:
+    if len(text) <= 21:
         return text
-    cut = text.rfind(" ", 0, 24)
+    cut = text.rfind(" ", 0, 21)
     return f"{text[:cut]}\n{text[cut + 1 :]}"
 
 
@@ -112,4 +112,4 @@ def _gaps(ax: Axes, d: Diagnosis) -> None:
     ax.grid(axis="x", visible=False)
     label(ax, y="gap, % of the motor force")
     predicted = any(g.predicted_after is not None for g in d.gap.values())
-    title(ax, "the gap" + (" (dashed: predicted)" if predicted else ""))
+    title(ax, "gap" + (" (dashed: predicted)" if predicted else ""))

@@ -2,12 +2,16 @@
 
 import dataclasses
 
+from ..gap.atlas import Atlas, Variable
 from ..gap.diagnosis import Diagnosis, Gap
 from .diagnosis_names import capital, chance, listed, named, place
 from .tables import decimals, percent, rounded, significant
 
 _SEEN_CHANGE = 0.03
 """A gap that changes by less than this, relative, is said to stay."""
+
+_WORTH_NAMING = 0.1
+"""Share of the gap's energy that a variable must close to be named."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,24 +34,27 @@ def headline(d: Diagnosis) -> str:
                 f"Nothing is missing that these data could show. The simulation leaves {percent(gap.before)} of the "
                 f"motor force {on}; noise alone would leave {percent(gap.floor)}."
             )
-        case "unexplained":
-            said = (
-                f"There is a gap that no effect of the catalogue accounts for: {percent(gap.before)} of the motor "
-                f"force {on}, where noise alone would leave {percent(gap.floor)}."
+        case "unexplained" if d.effects:
+            return (
+                f"With {_all(d)}, the gap {on} {_moves(gap)} of the motor force, but what is left follows no effect of "
+                f"the catalogue; noise alone leaves {percent(gap.floor)}."
             )
-            return f"{said} With {_all(d)} it {_moves(gap)}." if d.effects else said
+        case "unexplained":
+            return (
+                f"No effect of the catalogue accounts for the gap: {percent(gap.before)} of the motor force {on}, "
+                f"where noise alone would leave {percent(gap.floor)}."
+            )
         case "ambiguous":
             group, *_ = d.ambiguous_with or (d.effects,)
             others = [named(e) for e in d.effects if e not in group]
+            them = listed(["the likelier one", *others])
             too = f", and {listed(others)}" if others else ""
-            first = (
-                f"The simulation lacks {listed([named(e) for e in group], 'or')}, "
-                f"which these data cannot tell apart{too}."
-            )
-            return f"{first} With {_all(d)}, the gap {on} {_moves(gap)}; noise alone leaves {percent(gap.floor)}."
-    them = "it" if len(d.effects) == 1 else "them"
+            said = f"{listed([named(e) for e in group], 'or')} (these data cannot tell which){too}"
+        case _:
+            them = "it" if len(d.effects) == 1 else "them"
+            said = _all(d)
     return (
-        f"The simulation lacks {_all(d)}. With {them}, the gap {on} {_moves(gap)} of the motor force; "
+        f"Missing in the simulation: {said}. With {them}, the gap {on} {_moves(gap)} of the motor force; "
         f"noise alone leaves {percent(gap.floor)}."
     )
 
@@ -75,12 +82,11 @@ def _where(d: Diagnosis) -> tuple[str, str]:
         return "Nowhere in particular", _looked_at(d)
     if d.verdict == "unexplained":
         left = (d.atlas_after if d.effects else d.atlas) or d.atlas
-        with_it = f"With {_all(d)} in: " if d.effects else ""
+        with_it = f"With {_all(d)} in place: " if d.effects else ""
         if left is None:
             return "Not known", "The residual was not mapped."
-        first = left.variables[0]
-        head = f"It goes with {first.label}" if first.share >= 0.1 else "Bound to no single variable"
-        return head, with_it + left.words()
+        words = left.words()
+        return _leading(left), with_it + (f"{words[0].lower()}{words[1:]}" if with_it else words)
     head = place(d.block) if d.block else "Not bound to a place"
     if d.where.time_s:
         head += f", {_intervals(d.where.time_s)}"
@@ -89,16 +95,38 @@ def _where(d: Diagnosis) -> tuple[str, str]:
     return head, _looked_at(d)
 
 
+def _leading(one: Atlas) -> str:
+    """The variable that the residual goes with, as a few words."""
+    first = leading(one)
+    if first is None:
+        return "Bound to no single variable"
+    said = {"constant": "A constant force", "dynamics": "A linear response to the reference"}
+    return said.get(first.name, f"It goes with {first.label}")
+
+
+def leading(one: Atlas) -> Variable | None:
+    """The variable that closes most alone; None where none closes a tenth."""
+    first = one.variables[0]
+    if first.share < _WORTH_NAMING:
+        return None
+    constant = one["constant"]  # a function of speed may be constant
+    return constant if first.name == "v_even" and constant.share > 0.97 * first.share else first
+
+
 def _looked_at(d: Diagnosis) -> str:
     return d.atlas.words() if d.atlas is not None else ""
 
 
 def ranges(d: Diagnosis) -> str:
-    """The ranges that hold nine tenths of what the effects change in the simulated force; empty without one."""
+    """Every interval that an effect is bound to, and the ranges that hold nine tenths of what the effects change."""
     where = d.where
     spans = ((where.speed_m_s, 1e3, "mm/s"), (where.position_m, 1e3, "mm"), (where.frequency_hz, 1.0, "Hz"))
     said = [_span([scale * x for x in span], unit) for span, scale, unit in spans if span]
-    return f"Nine tenths of what {_all(d)} changes in the force lies at {listed(said)}." if said and d.effects else ""
+    if not d.effects:
+        return ""
+    bound = listed([f"{on:.2f}–{off:.2f} s" for on, off in where.time_s or []])
+    held = f"Nine tenths of the change in force that comes with {_all(d)} lie at {listed(said)}." if said else ""
+    return f"Bound to {bound}. {held}".rstrip() if bound else held
 
 
 def _span(ends: list[float], unit: str) -> str:
@@ -126,25 +154,26 @@ def _which(d: Diagnosis) -> tuple[str, str]:
         case "unexplained":
             text = "No effect of the catalogue, alone or with others, leaves a residual that looks like noise."
             if d.effects:
-                text += f" On the way {_all(d)} was found{_shares(d)}; the rest follows no known law."
+                text += f" On the way {_all(d)} {'was' if len(d.effects) == 1 else 'were'} found. {_shares(d)}"
             else:
                 best = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", "other")]
                 text += f" Closest: {best[0]}." if best else ""
-            return f"None that is known ({chance(p.get('other', 0.0))})", text
+            likeliest = d.ranking[0][0] == "other"
+            return "None that is known" + (f" ({chance(p['other'])})" if likeliest else ""), text
         case "ambiguous":
             group, *more = d.ambiguous_with or (d.effects,)
             head = f"{capital(_with_chance(group[0], p))} or {listed([_with_chance(e, p) for e in group[1:]], 'or')}"
-            text = "Either leaves the same force on these records to within its noise."
+            text = "Each leaves the same force on these records to within the noise."
             text += "".join(f" Nor can {listed([named(e) for e in g])} be told apart." for g in more)
             if len(d.effects) > 1:
-                text += f" Also found: {listed([named(e) for e in d.effects if e not in group])}{_shares(d)}."
+                text += f" Also found: {listed([named(e) for e in d.effects if e not in group])}. {_shares(d)}".rstrip()
             if d.experiment:
                 text += f" To part them: {d.experiment.what}; they then differ by {d.experiment.angle_deg:.0f}°."
             return head, text
     head = capital(_with_chance(d.effects[0], p))
     head += f", and {listed([named(e) for e in d.effects[1:]])}" if d.effects[1:] else ""
     text = f"{sizes(d)} " if sizes(d) else ""
-    text += f"{capital(_shares(d).strip())}. " if len(d.effects) > 1 and _shares(d) else ""
+    text += f"{_shares(d)} " if len(d.effects) > 1 and _shares(d) else ""
     return head, text + (f"Next likeliest: {listed(rivals[:2])}." if rivals else "")
 
 
@@ -172,9 +201,13 @@ def _all(d: Diagnosis) -> str:
 
 
 def _shares(d: Diagnosis) -> str:
-    """What each effect holds of the gap: ' (taken out again, it gives back 60 % of the gap closed)'."""
-    held = [f"{named(e)} {100 * d.last_in[e]:.0f} %" for e in d.effects if e in d.last_in]
-    return f" (taken out again, of the gap closed comes back: {listed(held)})" if held else ""
+    """'Taken out again, backlash gives back 94 % of what was closed, friction drift 15 %.'"""
+    held = [(named(e), f"{100 * d.last_in[e]:.0f} %") for e in d.effects if e in d.last_in]
+    if not held:
+        return ""
+    (first, share), *rest = held
+    said = [f"{first} gives back {share} of what was closed", *(f"{name} {more}" for name, more in rest)]
+    return f"Taken out again, {listed(said)}."
 
 
 # -- how far -----------------------------------------------------------------------------------------------------
@@ -182,8 +215,7 @@ def _shares(d: Diagnosis) -> str:
 
 def _how_far(d: Diagnosis) -> tuple[str, str]:
     name = judged_on(d)
-    records = "; ".join(_record(record, gap, bool(d.effects)) for record, gap in d.gap.items())
-    text = f"{capital(records)}."
+    text = " ".join(_record(record, d.gap[record], bool(d.effects)) for record in reversed(d.gap))
     if "check" not in d.gap:
         text += " There was no check record: the gap is judged on the record that chose the effect, which flatters it."
     elif name == "fit":
@@ -199,11 +231,10 @@ def _how_far(d: Diagnosis) -> tuple[str, str]:
 
 
 def _record(name: str, gap: Gap, changed: bool) -> str:
-    said = f"{name} record: {percent(gap.before)}"
+    said = f"{capital(name)} record: {percent(gap.before)}"
     said += f" before, {percent(gap.after)} after" if changed else ""
-    if gap.predicted_after is not None:
-        said += f" ({percent(gap.predicted_after)} said beforehand)"
-    return f"{said}, {percent(gap.floor)} is noise"
+    said += f", {percent(gap.floor)} is noise"
+    return f"{said}; {percent(gap.predicted_after)} was predicted." if gap.predicted_after is not None else f"{said}."
 
 
 def _moves(gap: Gap) -> str:

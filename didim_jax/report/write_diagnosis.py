@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -12,8 +13,9 @@ from rich.text import Text
 from ..errors import InputError
 from ..files import atomic_write
 from ..gap.diagnosis import Diagnosis
+from .canvas import png
 from .diagnosis_document import diagnosis_document
-from .diagnosis_page import BADGES, named_runs, render_diagnosis
+from .diagnosis_page import BADGES, draw_diagnosis, named_runs, render_diagnosis
 from .diagnosis_words import answers, headline
 
 _FILES = ("simulation.npz", "report.html", "diagnosis.json")
@@ -24,7 +26,8 @@ def write_diagnosis(d: Diagnosis, folder: Path) -> None:
 
     After an error in making any of them the folder is as it was. Raises InputError, one line: it cannot be written to.
     """
-    made = (_arrays(d), render_diagnosis(d).encode(), _document(d))
+    pictures = {name: png(figure) for name, figure in draw_diagnosis(d).items()}
+    made = (_arrays(d), render_diagnosis(d, pictures).encode(), _document(d))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -41,7 +44,7 @@ def write_diagnosis(d: Diagnosis, folder: Path) -> None:
 
 def _arrays(d: Diagnosis) -> bytes:
     """simulation.npz: of each record time (s), recorded and simulated commanded force (N), before and after."""
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, run in named_runs(d).items():
         signals = {"t": run.t, "tau": run.tau, "tau_before": run.before, "tau_after": run.after}
         arrays |= {f"{name}_{key}": signal for key, signal in signals.items()}
