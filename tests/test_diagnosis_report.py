@@ -185,7 +185,7 @@ def _terminal(d, tmp_path):
 
 def test_the_page_opens_with_the_verdict(diagnoses):
     said = {
-        "effect": "Missing in the simulation: Stribeck friction. With it, the gap on the check record falls from "
+        "effect": "Missing in the simulation: Stribeck friction. Once added, the gap on the check record falls from "
         "3.90 % to 1.28 % of the motor force; noise alone leaves 1.20 %.",
         "none": "Nothing is missing that these data could show. The simulation leaves 1.21 % of the motor force on the "
         "check record; noise alone would leave 1.20 %.",
@@ -287,8 +287,8 @@ def test_synthetic_is_said_in_the_first_lines_and_only_of_synthetic_data(effect,
 
 def test_a_symptom_among_the_base_parameters_is_marked(effect):
     page = _page(effect)
-    assert re.search(r'class="symptom">\+11\.1 %', page)  # Fv
-    assert re.search(r'class="">−0\.2 %', page)  # M
+    assert re.search(r'class="symptom">\+11\.1\s%', page)  # Fv
+    assert re.search(r'class="">−0\.2\s%', page)  # M
 
 
 def test_small_words():

@@ -26,6 +26,8 @@ from .whereabouts import whereabouts
 
 MOST_EFFECTS = 4
 _TRANSIENT = 0.6  # s
+SHARE = 0.025
+"""Of the gap closed, what an effect must hold alone to be kept beside others."""
 SETTLED, WORTH = 0.05, 0.04
 """Structure left after an effect below which a further one is only tried if its score promises this share."""
 CONTROLLER = ("position_gain", "velocity_gain", "velocity_filter")
@@ -265,7 +267,9 @@ def _eliminate(
         superfluous = [
             n
             for n in adopted
-            if n not in fixed and len(adopted) > 1 and 1 - _energy(last) / _energy(without[n]) < decide.RELEVANT
+            if n not in fixed
+            and len(adopted) > 1
+            and (last_in[n] < SHARE or 1 - _energy(last) / _energy(without[n]) < decide.RELEVANT)
         ]
         if not superfluous:
             return adopted, last, last_in

@@ -1,6 +1,7 @@
 """Force and residual of one record, before and after: the whole of it, and close by where it fits worst."""
 
 import numpy as np
+import scipy.signal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -103,14 +104,15 @@ def _limits(rows: list[np.ndarray]) -> tuple[float, float]:
 
 
 def worst_stretches(t: np.ndarray, before: np.ndarray, after: np.ndarray, seconds: float = ZOOM_SECONDS) -> list[slice]:
-    """At most three stretches that do not overlap, by time: two worst before, one worst after (root mean square)."""
+    """At most three stretches that do not overlap, by time: two worst before, one worst after (in power)."""
     n = max(2, round(seconds * (len(t) - 1) / float(t[-1] - t[0])) + 1)
     if n >= len(t):
         return [slice(0, len(t))]
+    weights = np.hanning(n + 2)[1:-1]
     firsts: list[int] = []
     for residual in (before, before, after):
-        energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(residual, posinf=0.0, neginf=0.0) ** 2)])
-        power = energy[n:] - energy[:-n]
+        # Weighted, so that what is shown lies in the middle.
+        power = scipy.signal.oaconvolve(np.nan_to_num(residual, posinf=0.0, neginf=0.0) ** 2, weights, mode="valid")
         for first in firsts:
             power[max(first - n + 1, 0) : first + n] = -1.0
         if power.max() < 0:

@@ -68,9 +68,14 @@ def _template() -> jinja2.Template:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"minus": _minus, "role": role}
+    environment.filters |= {"typeset": _typeset, "role": role}
     source = importlib.resources.files(__package__).joinpath("diagnosis.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
+
+
+def _typeset(text: str) -> str:
+    """True minus signs, and no line that breaks before a percent sign or around ±."""
+    return _minus(text).replace(" %", "\N{NO-BREAK SPACE}%").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
 
 
 def named_runs(d: Diagnosis) -> dict[str, Run]:

@@ -47,14 +47,13 @@ def headline(d: Diagnosis) -> str:
         case "ambiguous":
             group, *_ = d.ambiguous_with or (d.effects,)
             others = [named(e) for e in d.effects if e not in group]
-            them = listed(["the likelier one", *others])
+            added = f"With {listed(['the likelier one', *others])}"
             too = f", and {listed(others)}" if others else ""
             said = f"{listed([named(e) for e in group], 'or')} (these data cannot tell which){too}"
         case _:
-            them = "it" if len(d.effects) == 1 else "them"
-            said = _all(d)
+            said, added = _all(d), "Once added"
     return (
-        f"Missing in the simulation: {said}. With {them}, the gap {on} {_moves(gap)} of the motor force; "
+        f"Missing in the simulation: {said}. {added}, the gap {on} {_moves(gap)} of the motor force; "
         f"noise alone leaves {percent(gap.floor)}."
     )
 
