@@ -296,21 +296,26 @@ def _energy(fit: Fit) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """What is left when the search has ended: share of it that still depends on the motion, by a model-free atlas.
+    """What the search came to, in shares of energy.
 
-    `gain` is the share of the residual energy that the first effect closed; `law_left` that of r_C nothing explains.
+    `gain` is what the first effect closed of the residual. `structured_before` and `structured` depend on the motion
+    by a model-free atlas, without and with the effects; `left` is how much of that structure they left. `law_left` is
+    the share of r_C that nothing explains.
     """
 
     gain: float
     structured_before: float
     structured: float
+    left: float
     law_left: float
 
     @classmethod
     def of(cls, searcher: Searcher, found: Found, law_left: float) -> "Quality":
         first = found.steps[0] if found.steps else None
         gain = 0.0 if first is None or not first.refits else 1 - first.refits[0].fit.cost / first.before.cost
-        return cls(gain, _structure(searcher, found.nominal), _structure(searcher, found.last), law_left)
+        before, after = _structure(searcher, found.nominal), _structure(searcher, found.last)
+        whole = before * _energy(found.nominal)
+        return cls(gain, before, after, min(after * _energy(found.last) / max(whole, 1e-300), 1.0), law_left)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -332,7 +337,8 @@ def _verdict(
     grid: float | None,
     remarks: list[str],
 ) -> Verdict:
-    other = decide.other(quality.structured, quality.law_left)
+    missing = quality.left if found.adopted else quality.structured
+    other = decide.other(missing, quality.law_left)
     none = 0.0 if controller else decide.none(quality.gain)
     evidence = [_evidence(searcher, step) for step in found.steps]
     if controller:
