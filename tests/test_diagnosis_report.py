@@ -212,7 +212,7 @@ def test_three_questions_have_an_answer_each(diagnosis, tmp_path):
 
 def test_the_answers_of_a_named_effect(diagnoses):
     where, which, far = answers(diagnoses["effect"])
-    assert where.head == "On the motor side, 0 to 15 Hz"
+    assert where.head == "On the motor side, below 15 Hz"
     assert (which.head, far.head) == ("Stribeck friction (93 %)", "98 % [97, 99] of what can be closed")
     assert which.text == (
         "dFs = 8.73 ± 0.27 N, vs = 0.0201 ± 0.0006 m/s. Next likeliest: something else (5 %) and quadratic viscous "

@@ -101,7 +101,7 @@ class Bench:
     """What is known before a diagnosis, for effects that need it: the machine's numbers and the record's ranges.
 
     `lead` m per turn, `limit` V, `gain` N/V, `dt` s, stroke from `q_low` to `q_high` m, `duration` s, the recorded
-    `volts`, and `disturbance`: the force (N, per sample) on the axis that the nominal plant leaves unexplained.
+    `volts`, the encoder's `grid` (m) if it is coarser than documented, and `disturbance`: the force (N, per sample) on the axis that the nominal plant leaves unexplained.
     """
 
     lead: float = 0.0025
@@ -112,6 +112,7 @@ class Bench:
     q_high: float = 0.1
     duration: float = 10.0
     volts: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
+    grid: float = 0.0
     disturbance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(1))
 
     @property

@@ -24,6 +24,10 @@ class EncoderGrid(AbstractEffect):
     source: ClassVar[str] = "read off the record, not fitted"
     resolution: Scalar = setting("m", default=0.0)
 
+    @classmethod
+    def at(cls, bench: Bench) -> "EncoderGrid":
+        return cls(bench.grid)
+
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         q = signals.incoming
         counts = self.resolution > 0

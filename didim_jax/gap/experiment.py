@@ -8,7 +8,8 @@ import numpy as np
 
 from ..effects import AbstractEffect
 from ..recording import Recording
-from ..reference import Chirp, Dwell, Sequence as Motions, Together, Trapezoid
+from ..reference import Chirp, Dwell, Together, Trapezoid
+from ..reference import Sequence as Motions
 from .diagnosis import Experiment
 from .fit import Fit
 from .prepared import Prepared, prepare

@@ -15,8 +15,8 @@ from ..recording import Recording
 from ..rig import excitation, first_state
 from ..signals import Decimation, LowPass, central_difference
 from ..simulate import SampledLoop
-from .noise import SLOW_SHARE, Whitening
 from .model import SOLVER, SUBSTEPS, Model
+from .noise import SLOW_SHARE, Whitening
 
 CUTOFF_HZ = 60.0
 """Band in which simulation and machine are compared, as the contract has it."""
@@ -108,7 +108,8 @@ def prepare(
     chain = Chain(Drive(machine.drive.gain, machine.drive.limit), nominal(machine.model), effects)
     loop = SampledLoop(controller=SampledPD(law.kp, law.kv), chain=chain, substeps=SUBSTEPS, solver=SOLVER)
     model = Model(loop, excitation(recording, machine), first_state(recording, machine, loop), device)
-    decimation = Decimation.at(CUTOFF_HZ, dt)
+    # Odd reflection, as the gap is defined: it holds the fit to the first sample, where an even one averages it away.
+    decimation = Decimation(LowPass.butterworth(CUTOFF_HZ, dt), max(1, int(0.5 / (CUTOFF_HZ * dt) + 1e-9)))
     channels = [Channel("force", "N", 0, decimation(recording.tau))]
     if recording.ql is not None:
         twist = decimation(recording.ql - recording.qm)
@@ -127,3 +128,12 @@ def _rigid(recording: Recording, machine: Machine) -> tuple[dict[str, float], np
     theta = np.linalg.lstsq(W, Y, rcond=None)[0]
     left = W @ theta - Y  # what pushes along with the motor is positive
     return {"M": float(theta[0]), "Fv": float(theta[1]), "Fc": float(theta[2])}, left - np.median(left)
+
+
+def motion(record: Prepared) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Motor position, velocity and acceleration in the band, and the reference position, at the decimated samples."""
+    dt, factor, q = record.model.dt, record.decimation.factor, record.recording.qm
+    low = LowPass.butterworth(CUTOFF_HZ, dt)
+    v = low(central_difference(q, dt), odd=False)
+    a = low(central_difference(central_difference(q, dt), dt), odd=False)
+    return q[::factor], v[::factor], a[::factor], record.recording.qg[::factor]

@@ -5,27 +5,29 @@ import numpy as np
 from .diagnosis import Where
 from .fit import Fit
 from .judge import left
+from .readings import CONTROLLER, Readings
 from .search import Searcher
 
 _HELD = (0.05, 0.95)
 """Quantiles of the explained energy between which it is said to lie."""
 
 
-def whereabouts(searcher: Searcher, before: Fit, after: Fit, adopted: tuple[str, ...]) -> Where:
+def whereabouts(searcher: Searcher, before: Fit, after: Fit, adopted: tuple[str, ...], read: Readings) -> Where:
     """Ranges of what the adopted effects changed in the simulated force of the first record."""
     record = searcher.records[0]
     changed = left(record, before.outputs[0]) - left(record, after.outputs[0])
+    pulses = [[p.on, p.off] for p in read.pulses[0]]
     if not adopted or not np.any(changed):
-        return Where(None, None, None, None, "force")
+        return Where(pulses or None, None, None, None, "law" if pulses else "force")
     factor, dt = record.decimation.factor, record.model.dt
     q = record.recording.qm[::factor]
     v = np.gradient(q, dt * factor)
     energy = changed**2
     spectrum = np.abs(np.fft.rfft(changed * np.hanning(len(changed)))) ** 2
     frequency = np.fft.rfftfreq(len(changed), dt * factor)
-    channel = "law" if adopted[0] in ("position_gain", "velocity_gain", "velocity_filter") else "force"
+    channel = "law" if pulses or adopted[0] in CONTROLLER else "force"
     return Where(
-        time_s=_intervals(searcher, after, adopted),
+        time_s=pulses or _intervals(searcher, after, adopted),
         speed_m_s=_range(v, energy),
         position_m=_narrow(q, energy),
         frequency_hz=_range(frequency, spectrum),

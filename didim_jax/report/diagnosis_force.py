@@ -31,7 +31,9 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
     whole.set_subplotspec(grid[0, :])
     dt = float(run.t[-1] - run.t[0]) / (len(run.t) - 1)
     before, after = (_in_band(run.tau - x, dt) for x in (run.before, run.after))
-    curves = [(before, RESIDUAL, "before"), (after, SIMULATED, "after")] if changed else [(after, SIMULATED, "")]
+    curves = (
+        [(before, RESIDUAL, "before"), (after, SIMULATED, "after")] if changed else [(after, SIMULATED, "simulated")]
+    )
     for residual, colour, said in curves:
         whole.plot(*envelope(run.t, residual, _BINS), color=colour, linewidth=0.9, label=said)
     windows = worst_stretches(run.t, before, after)
@@ -51,8 +53,8 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
     whole.set_ylim(*_limits([r for r, *_ in curves]))
     gaps = "" if gap is None else f": gap {percent(gap.before)}" + (f" before, {percent(gap.after)} after" * changed)
     title(whole, f"{name}{gaps}, residual below {ERROR_HZ:g} Hz", fontweight="bold")
-    if changed:
-        whole.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, frameon=False, fontsize=8.5, borderaxespad=0)
+    whole.plot([], [], color=MEASURED, linewidth=2.6, label="recorded")  # for the zooms
+    whole.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
     _zooms(axes, run, windows, curves)
     return figure
 
@@ -64,7 +66,7 @@ def _in_band(x: np.ndarray, dt: float) -> np.ndarray:
 
 def _zooms(axes: np.ndarray, run: Run, windows: list[slice], curves: list[tuple[np.ndarray, str, str]]) -> None:
     """Under each other the force and the residual of each stretch; the residuals on one scale."""
-    simulations = {"before": run.before, "after": run.after, "": run.after}
+    simulations = {"before": run.before, "after": run.after, "simulated": run.after}
     limits = _limits([r[w] for w in windows for r, *_ in curves])
     for k, (top, bottom) in enumerate(axes[1:].T):
         if k >= len(windows):
@@ -72,10 +74,10 @@ def _zooms(axes: np.ndarray, run: Run, windows: list[slice], curves: list[tuple[
             bottom.remove()
             continue
         part = windows[k]
-        top.plot(run.t[part], run.tau[part], color=MEASURED, linewidth=2.6, label="recorded")
+        top.plot(run.t[part], run.tau[part], color=MEASURED, linewidth=2.6)
         for residual, colour, said in curves:
             shown = simulations[said]
-            top.plot(run.t[part], shown[part], color=colour, linewidth=1.1, label=said or "simulated")
+            top.plot(run.t[part], shown[part], color=colour, linewidth=1.1)
             bottom.plot(run.t[part], residual[part], color=colour, linewidth=1.3)
         top.locator_params(axis="x", nbins=4)
         _frame(top, run.t[part], "motor force, N" if k == 0 else "")
@@ -87,7 +89,6 @@ def _zooms(axes: np.ndarray, run: Run, windows: list[slice], curves: list[tuple[
         if k:
             bottom.tick_params(labelleft=False)
         title(top, f"{k + 1}: {run.t[part][0]:.2f}–{run.t[part][-1]:.2f} s")
-    axes[1, 0].legend(loc="best", frameon=False, fontsize=8.5, handlelength=1.4)
 
 
 def _frame(ax: Axes, t: np.ndarray, y: str, x: str = "") -> None:

@@ -38,7 +38,10 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
         ax.text(0.5, 0.5, "the residual was not mapped", transform=ax.transAxes, ha="center", color=INK, fontsize=9)
         return
     view = None if d.where.time_s or d.verdict == "none" else _view(before)
-    for one, colour, name in ((before, RESIDUAL, "before"), (after, SIMULATED, "after")):
+    for one, colour, name in (
+        (before, RESIDUAL, "simulated" if after is None else "before"),
+        (after, SIMULATED, "after"),
+    ):
         if one is None:
             continue
         if view is None:

@@ -90,7 +90,8 @@ def _where(d: Diagnosis) -> tuple[str, str]:
     if d.where.time_s:
         head += f", {_intervals(d.where.time_s)}"
     elif d.where.frequency_hz:
-        head += f", {_span(d.where.frequency_hz, 'Hz')}"
+        low, high = d.where.frequency_hz
+        head += f", {_span([low, high], 'Hz')}" if low >= 1 else f", below {significant(max(high, 1.0), 2)} Hz"
     return head, _looked_at(d)
 
 

@@ -1,0 +1,173 @@
+"""The hunt for effects: one at a time, refitted together, as long as the next one is worth it; then back again."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ..effects import AbstractEffect
+from . import decide
+from .atlas import Atlas, atlas
+from .fit import PRIORS, Fit
+from .prepared import Prepared, motion
+from .search import Refit, Searcher, Step
+
+MOST_EFFECTS = 4
+SHARE = 0.025
+"""Of the gap closed, what an effect must hold alone to be kept beside others."""
+SETTLED, WORTH = 0.05, 0.04
+"""Structure left after an effect below which a further one is only tried if its score promises this share."""
+BLOCK_S = 0.5
+"""Length of the interleaved blocks on which an effect must gain without having been fitted there."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """Where the hunt ended.
+
+    `read` effects came with the record, `adopted` lists them and those found, in order. `stages` holds the fit after
+    each effect found; `last_in` the share of the closed gap that comes back without an effect.
+    """
+
+    nominal: Fit
+    last: Fit
+    read: tuple[str, ...]
+    adopted: tuple[str, ...]
+    steps: tuple[Step, ...]
+    stages: tuple[tuple[str, Fit], ...]
+    last_in: dict[str, float]
+
+    def step_of(self, effect: str) -> Step | None:
+        """The step in which an effect was found; None for one that was read off the record."""
+        return next((s for s in self.steps if s.refits and s.refits[0].effect == effect), None)
+
+
+def hunt(
+    searcher: Searcher,
+    nominal: Fit,
+    effects: Sequence[AbstractEffect],
+    controller: Mapping[str, float],
+    say: Callable[[str], None],
+) -> Found:
+    """Find what `nominal` lacks. `controller` parameters are known already and stay as they are."""
+    read = tuple(dict.fromkeys(name.split(".")[0] for name in controller))
+    last, adopted = nominal, read
+    if controller:
+        xs = [searcher.model.encode(x, controller) for x in nominal.xs]
+        last = searcher.problem().solve(xs, nominal.chosen, evaluations=12)
+        searcher.weigh(last)
+        last = searcher.problem().solve(last.xs, last.chosen, evaluations=6)
+    steps: list[Step] = []
+    stages: list[tuple[str, Fit]] = []
+    while len(adopted) < MOST_EFFECTS:
+        settled = bool(adopted) and structure(searcher, last) < SETTLED
+        others = [e for e in effects if e.label() not in adopted]
+        step = searcher.step(last, others, adopted, worth=WORTH if settled else 0.0)
+        steps.append(step)
+        if not step.refits:
+            break
+        best = step.refits[0]
+        say(f"{best.effect}: {100 * (1 - best.fit.cost / last.cost):.0f} % of what was left")
+        if 1 - best.fit.cost / last.cost < decide.RELEVANT or not _gains_elsewhere(searcher, last, best):
+            break
+        adopted = (*adopted, best.effect)
+        last = _settle(searcher, best, adopted)
+        stages.append((best.effect, last))
+    adopted, last, last_in = _eliminate(searcher, nominal, last, adopted, read)
+    kept = tuple(stage for stage in stages if stage[0] in adopted)
+    return Found(nominal, last, read, adopted, tuple(steps), kept, last_in)
+
+
+def structure(searcher: Searcher, fit: Fit) -> float:
+    """Share of the first record's residual that still depends on the motion, a slow drift weighed out first."""
+    record, r = searcher.records[0], fit.residuals[0][0]
+    return atlas_of(record, record.whitening(record.channels[0], r)(r)).explainable
+
+
+def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
+    """The atlas of a residual of the record's force."""
+    q, v, a, qg = motion(record)
+    return atlas(record.t, residual, q, v, a, qg, record.model.dt * record.decimation.factor, record.bench.lead)
+
+
+def energy(fit: Fit) -> float:
+    """Energy of the force residual in the band, over all records."""
+    return float(sum(row[0] @ row[0] for row in fit.residuals))
+
+
+def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit) -> bool:
+    """Whether the effect also gains on interleaved blocks that took no part in its fit, in both halves together."""
+    block = max(1, round(BLOCK_S / (searcher.records[0].model.dt * searcher.records[0].decimation.factor)))
+    lengths = [len(p.channels[0].observed) for p in searcher.records]
+    without = with_it = 0.0
+    for half in (0, 1):
+        mask = [(np.arange(n) // block) % 2 == half for n in lengths]
+        problem = searcher.problem(mask=mask)
+        one = problem.solve(before.xs, before.chosen, frozenset(_owners(searcher, before)), 3)
+        two = problem.solve(best.fit.xs, best.fit.chosen, frozenset(_owners(searcher, best.fit)), 3)
+        elsewhere = searcher.problem(mask=[~m for m in mask])
+        without += float(np.sum(elsewhere.whitened(one.residuals) ** 2))
+        with_it += float(np.sum(elsewhere.whitened(two.residuals) ** 2))
+    return with_it < (1 - 0.5 * decide.RELEVANT) * without
+
+
+def _owners(searcher: Searcher, fit: Fit) -> set[str]:
+    """Effects whose parameters a fit moves, beyond what every fit does."""
+    entries = searcher.model.entries
+    return {entries[i].owner for i in fit.chosen if searcher.model.names[i] not in PRIORS}
+
+
+def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
+    """The refit once more, its instants tried elsewhere and its channels weighed by what it leaves."""
+    model, fit, free = searcher.model, best.fit, frozenset(adopted)
+    effect = next(e for e in model.effects if e.label() == best.effect)
+    for parameter in effect.own_to_record:
+        name = f"{best.effect}.{parameter}"
+        if name not in model.index:
+            continue
+        at = model.decode(fit.xs[0])[name]
+        shifts = np.linspace(-0.4, 0.4, 32)
+        problem = searcher.problem()
+        trials = [[model.encode(x, {name: at + s}) for s in shifts] for x in fit.xs]
+        costs = np.zeros(len(shifts))
+        for p, xs, filters in zip(problem.records, trials, problem.whitening, strict=True):
+            for k, out in enumerate(p.model.batch(np.array(xs))):
+                rows = [w(c.observed - p.filtered(out, c)) for c, w in zip(p.channels, filters, strict=True)]
+                costs[k] += sum(float(r @ r) for r in rows)
+        nearest = int(np.nanargmin(costs))
+        moved = problem.solve([xs[nearest] for xs in trials], fit.chosen, free, 18)
+        if moved.cost < fit.cost:
+            fit = moved
+    searcher.weigh(fit)
+    return searcher.problem().solve(fit.xs, fit.chosen, free, 12)
+
+
+def _eliminate(
+    searcher: Searcher, nominal: Fit, last: Fit, adopted: tuple[str, ...], read: tuple[str, ...]
+) -> tuple[tuple[str, ...], Fit, dict[str, float]]:
+    """Take each effect out again: one that is not missed goes; the others say what they hold of the gap."""
+    while True:
+        whole = max(energy(nominal) - energy(last), 1e-300)
+        without = {n: nominal if len(adopted) == 1 else _without(searcher, last, adopted, n) for n in adopted}
+        last_in = {n: float(np.clip((energy(fit) - energy(last)) / whole, 0.0, 1.0)) for n, fit in without.items()}
+        superfluous = [
+            n
+            for n in adopted
+            if n not in read
+            and len(adopted) > 1
+            and (last_in[n] < SHARE or 1 - energy(last) / energy(without[n]) < decide.RELEVANT)
+        ]
+        if not superfluous:
+            return adopted, last, last_in
+        gone = min(superfluous, key=lambda n: last_in[n])
+        adopted, last = tuple(n for n in adopted if n != gone), without[gone]
+
+
+def _without(searcher: Searcher, last: Fit, adopted: tuple[str, ...], name: str) -> Fit:
+    """The fit without one of its effects."""
+    model = searcher.model
+    places = model.of(name)
+    null = {model.names[i]: model.entries[i].null for i in places}
+    xs = [model.encode(x, null) for x in last.xs]
+    kept = [i for i in last.chosen if i not in places or model.names[i] in PRIORS]
+    return searcher.problem().solve(xs, kept, frozenset(adopted) - {name}, 12)

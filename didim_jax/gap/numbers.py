@@ -1,0 +1,124 @@
+"""The numbers of a diagnosis: shares closed, floors, predictions, parameters with their spread."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..effects import AbstractEffect
+from ..machine import Machine
+from ..recording import Recording
+from .diagnosis import Candidate, Estimate, Shift
+from .floor import repeat_floor
+from .hunt import Found
+from .judge import left, relative
+from .prepared import Prepared, prepare
+from .readings import Readings
+from .search import Searcher
+from .spread import standard_deviations
+
+_TRANSIENT = 0.6  # s
+
+
+def rms_floor(record: Prepared, read: Readings, structured: float, after: float) -> float:
+    """What noise alone would leave of the fit record, N rms: from repeats where there are any, else the unstructured rest."""
+    rms = record.channels[0].rms
+    repeated = None if any(read.pulses) else repeat_floor(record.recording).value
+    unstructured = after * float(np.sqrt(max(1 - structured, 0.0)))
+    return rms * (unstructured if repeated is None else min(after, repeated))
+
+
+def predict(
+    outline: Recording, machine: Machine, catalogue: Sequence[type[AbstractEffect]], record: Prepared, found: Found
+) -> float:
+    """The gap that will be left on a trajectory of which only the reference is known: the same newtons, another norm."""
+    ahead = prepare(outline, machine, catalogue, None, record.bench)
+    x = np.array(found.last.xs[0])
+    x[ahead.model.of("start")] = 0.0
+    # Without its qm the record's initial state is not known: what the guess stirs up has died down by then.
+    simulated = ahead.decimation(ahead.model.run(x)[0])[ahead.t > _TRANSIENT]
+    rms = float(np.sqrt(np.mean(left(record, found.last.outputs[0]) ** 2)))
+    return rms / float(np.sqrt(np.mean(simulated**2)))
+
+
+def closed(
+    record: Prepared, before: np.ndarray, after: np.ndarray, floor: float
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share of the explainable gap closed, floor in N rms, and its 95 % interval over blocks of half a second.
+
+    None where there is hardly a gap to close.
+    """
+    b, a = left(record, before) ** 2, left(record, after) ** 2
+    block = max(1, round(0.5 / (record.model.dt * record.decimation.factor)))
+    groups = np.array_split(np.arange(len(b)), max(1, len(b) // block))
+    sums = np.array([[b[g].sum(), a[g].sum(), floor**2 * len(g)] for g in groups])
+
+    def share(s: np.ndarray) -> float:
+        total_before, total_after, total_noise = s.sum(axis=0)
+        return (total_before - total_after) / max(total_before - total_noise, 1e-300)
+
+    if b.sum() <= 1.2 * floor**2 * len(b):
+        return None, None
+    rng = np.random.default_rng(0)
+    draws = [share(sums[rng.integers(len(sums), size=len(sums))]) for _ in range(400)]
+    low, high = (float(np.clip(v, -1.0, 1.0)) for v in np.percentile(draws, [2.5, 97.5]))
+    return float(np.clip(share(sums), -1.0, 1.0)), (low, high)
+
+
+def parameters(searcher: Searcher, found: Found, read: Readings, effects: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Parameters of every effect named, with their spread."""
+    model, std = searcher.model, standard_deviations(searcher, found.last)
+    values = model.decode(found.last.xs[0])
+    out: dict[str, dict[str, Any]] = {}
+    for name in effects:
+        out[name] = {
+            model.entries[i].name: dataclasses.asdict(
+                Estimate(
+                    values[model.names[i]],
+                    read.std.get(model.names[i], std.get(i, 0.0)),
+                    model.entries[i].unit,
+                )
+            )
+            for i in model.of(name)
+        }
+        if name == "encoder_quantisation":
+            out[name] = {"resolution": dataclasses.asdict(Estimate(read.grid, 0.0, "m"))}
+        if name == "disturbance_pulses" and any(read.pulses):
+            volts = [p.volts for found in read.pulses for p in found]
+            out[name] = {
+                "A": dataclasses.asdict(Estimate(float(np.median(volts)), float(np.std(volts)), "V")),
+                "repeats": False,
+            }
+    return out
+
+
+def base_shifts(searcher: Searcher, found: Found) -> dict[str, Shift]:
+    """The plant's parameters without and with the effects: one that moved was a symptom."""
+    model, std = searcher.model, standard_deviations(searcher, found.last)
+    before, after = model.decode(found.nominal.xs[0]), model.decode(found.last.xs[0])
+    return {
+        model.names[i]: Shift(before[model.names[i]], after[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
+        for i in model.of("")
+        if model.names[i] != "offset"
+    }
+
+
+def candidates(searcher: Searcher, found: Found, ranking: dict[str, float], floor: float) -> tuple[Candidate, ...]:
+    """Every effect that was refitted in the first step; floor in N rms."""
+    if not found.steps:
+        return ()
+    record, model = searcher.records[0], searcher.model
+    noise = floor / record.channels[0].rms
+    before = relative(record, found.steps[0].before.outputs[0])
+    out = []
+    for r in found.steps[0].refits:
+        gap = relative(record, r.fit.outputs[0])
+        values, std = model.decode(r.fit.xs[0]), standard_deviations(searcher, r.fit)
+        estimates = {
+            model.entries[i].name: Estimate(values[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
+            for i in model.of(r.effect)
+        }
+        share = float(np.clip((before**2 - gap**2) / max(before**2 - noise**2, 1e-300), -1.0, 1.0))
+        out.append(Candidate(r.effect, gap, share, ranking.get(r.effect, 0.0), estimates))
+    return tuple(out)
