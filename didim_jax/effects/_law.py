@@ -6,11 +6,6 @@ from jax import Array
 from .._types import Scalar
 
 
-def magnitude(v: Array, s: Array) -> Array:
-    """|v| with the plant's own smooth sign s(v): v s."""
-    return v * s
-
-
 def power(v: Array, per: Scalar, exponent: Scalar) -> Array:
     """(|v| / per)^exponent, with a derivative at rest; the logarithm of v is the same in every effect that asks."""
     return jnp.exp(0.5 * exponent * (jnp.log(v * v + 1e-14) - 2 * jnp.log(per)))

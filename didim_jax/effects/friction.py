@@ -9,7 +9,7 @@ from jax import Array
 from .._types import Scalar
 from ..params import param, setting
 from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
-from ._law import magnitude, power, turn
+from ._law import power, turn
 
 
 class AbstractFrictionEffect(AbstractEffect):
@@ -29,7 +29,7 @@ class AbstractFrictionEffect(AbstractEffect):
 
 
 class AsymmetricCoulomb(AbstractFrictionEffect):
-    """f = dFc s^2: Coulomb friction larger in one direction; null dFc = 0."""
+    """f = dFc s^2: Coulomb friction larger in one direction, none at rest; null dFc = 0."""
 
     name: ClassVar[str] = "asymmetric_coulomb"
     equation: ClassVar[str] = "-dFc |s|"
@@ -56,7 +56,7 @@ class AsymmetricViscous(AbstractFrictionEffect):
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
 
     def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.dFv * magnitude(v, s)
+        return self.dFv * jnp.abs(v)
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFv": 30.0}),)

@@ -10,6 +10,9 @@ import numpy as np
 RELEVANT = 0.15
 """Share of the residual energy that an effect must close to be worth a name."""
 
+LEFT = 0.06
+"""Share of the gap's structure, left by all effects found, at which something else is as likely as not."""
+
 TEMPERATURE = 12.0
 """Residuals are autocorrelated and laws are not exact: log-likelihoods are worth this many times less."""
 
@@ -71,8 +74,16 @@ def none(gain: float) -> float:
     return logistic(60.0 * (RELEVANT - gain))
 
 
-def other(structured: float, law_left: float) -> float:
-    """Probability of something outside the catalogue, from what is left of structure in force and control law."""
+def other(left: float, law_left: float) -> float:
+    """Probability of something outside the catalogue though effects were found.
+
+    `left` is the share of the gap's structure that they leave, `law_left` that of r_C which nothing explains.
+    """
+    return max(logistic(4.0 * np.log(max(left, 1e-9) / LEFT)), logistic(20.0 * (law_left - 0.2)))
+
+
+def unknown(structured: float, law_left: float) -> float:
+    """Probability of something outside the catalogue where no effect was found: the residual follows the motion."""
     return max(logistic(25.0 * (structured - 0.25)), logistic(20.0 * (law_left - 0.2)))
 
 

@@ -53,7 +53,7 @@ class Shift:
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """An effect that was refitted in the first step: gap left on the fit record, share of the explainable gap closed."""
+    """An effect refitted in the first step: gap left on the fit record, share of the explainable gap closed."""
 
     effect: str
     gap: float
@@ -85,8 +85,9 @@ class Experiment:
 class Diagnosis:
     """The answer to: where is the gap, which effect causes it, how far does it shrink. See the contract's schema.
 
-    `evidence` holds the numbers that the verdict was drawn from. `verdict` is none, effect, ambiguous or unexplained. `share`, `interval`: of the explainable gap closed on the check
-    record (on the fit record without one). `runs`: fit records, then the check record.
+    `verdict` is none, effect, ambiguous or unexplained. `share`, `interval`: of the explainable gap closed on the check
+    record (on the fit record without one). `runs`: fit records, then the check record. `evidence`: the numbers that the
+    verdict was drawn from.
     """
 
     verdict: str

@@ -21,7 +21,7 @@ START_STD = 10.0
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Where a fit ended: x of each record, the unfiltered outputs, residuals in the band by record and channel, cost."""
+    """Where a fit ended: x and unfiltered outputs of each record, residuals in the band by record and channel, cost."""
 
     chosen: tuple[int, ...]
     xs: tuple[np.ndarray, ...]

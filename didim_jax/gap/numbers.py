@@ -22,7 +22,7 @@ _TRANSIENT = 0.6  # s
 
 
 def rms_floor(record: Prepared, read: Readings, structured: float, after: float) -> float:
-    """What noise alone would leave of the fit record, N rms: from repeats where there are any, else the unstructured rest."""
+    """What noise alone would leave of the fit record, N rms: by repeats where there are any, else the unstructured rest."""
     rms = record.channels[0].rms
     repeated = None if any(read.pulses) else repeat_floor(record.recording).value
     unstructured = after * float(np.sqrt(max(1 - structured, 0.0)))
@@ -32,7 +32,7 @@ def rms_floor(record: Prepared, read: Readings, structured: float, after: float)
 def predict(
     outline: Recording, machine: Machine, catalogue: Sequence[type[AbstractEffect]], record: Prepared, found: Found
 ) -> float:
-    """The gap that will be left on a trajectory of which only the reference is known: the same newtons, another norm."""
+    """The gap left on a trajectory of which only the reference is known: the same newtons, another norm."""
     ahead = prepare(outline, machine, catalogue, None, record.bench)
     x = np.array(found.last.xs[0])
     x[ahead.model.of("start")] = 0.0

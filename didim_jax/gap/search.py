@@ -15,7 +15,7 @@ from .score import Score, score
 SHORT, LONG = 5, 18
 """Evaluations of a first, cheap refit of every candidate, and of the best ones."""
 
-RIVAL = 2.5
+RIVAL = 4.0
 """Times the least cost after the cheap refits that a rival may leave and still be refitted in full."""
 
 

@@ -53,7 +53,7 @@ class Verdict:
 def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings) -> Verdict:
     """From the evidence to a verdict."""
     effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
-    other = decide.other(q.left if effects else q.structured, q.law_left)
+    other = decide.other(q.left, q.law_left) if effects else decide.unknown(q.structured, q.law_left)
     if read.effects:
         ranking = decide.settled(read.effects[0], other)
     else:
