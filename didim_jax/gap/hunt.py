@@ -17,6 +17,8 @@ SHARE = 0.025
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
 SETTLED, WORTH = 0.05, 0.04
 """Structure left after an effect below which a further one is only tried if its score promises this share."""
+TRIED = 3
+"""Refits of a step that may show that they gain on blocks they were not fitted to."""
 BLOCK_S = 0.5
 """Length of the interleaved blocks on which an effect must gain without having been fitted there."""
 
@@ -26,7 +28,7 @@ class Found:
     """Where the hunt ended.
 
     `read` effects came with the record, `adopted` lists them and those found, in order. `stages` holds the fit after
-    each effect found; `last_in` the share of the closed gap that comes back without an effect.
+    each effect found, `order` which one each step found; `last_in` the share of the closed gap that comes back without an effect.
     """
 
     nominal: Fit
@@ -36,10 +38,13 @@ class Found:
     steps: tuple[Step, ...]
     stages: tuple[tuple[str, Fit], ...]
     last_in: dict[str, float]
+    order: tuple[str, ...]
 
     def step_of(self, effect: str) -> Step | None:
         """The step in which an effect was found; None for one that was read off the record."""
-        return next((s for s in self.steps if s.refits and s.refits[0].effect == effect), None)
+        if effect not in self.order:
+            return None
+        return self.steps[self.order.index(effect)]
 
 
 def hunt(
@@ -66,16 +71,17 @@ def hunt(
         steps.append(step)
         if not step.refits:
             break
-        best = step.refits[0]
-        say(f"{best.effect}: {100 * (1 - best.fit.cost / last.cost):.0f} % of what was left")
-        if 1 - best.fit.cost / last.cost < decide.RELEVANT or not _gains_elsewhere(searcher, last, best):
+        worth = [r for r in step.refits[:TRIED] if 1 - r.fit.cost / last.cost >= decide.RELEVANT]
+        best = next((r for r in worth if _gains_elsewhere(searcher, last, r)), None)
+        if best is None:
             break
+        say(f"{best.effect}: {100 * (1 - best.fit.cost / last.cost):.0f} % of what was left")
         adopted = (*adopted, best.effect)
         last = _settle(searcher, best, adopted)
         stages.append((best.effect, last))
     adopted, last, last_in = _eliminate(searcher, nominal, last, adopted, read)
     kept = tuple(stage for stage in stages if stage[0] in adopted)
-    return Found(nominal, last, read, adopted, tuple(steps), kept, last_in)
+    return Found(nominal, last, read, adopted, tuple(steps), kept, last_in, tuple(name for name, _ in stages))
 
 
 def structure(searcher: Searcher, fit: Fit) -> float:
@@ -97,14 +103,17 @@ def energy(fit: Fit) -> float:
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit) -> bool:
     """Whether the effect also gains on interleaved blocks that took no part in its fit, in both halves together."""
+    start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
     block = max(1, round(BLOCK_S / (searcher.records[0].model.dt * searcher.records[0].decimation.factor)))
     lengths = [len(p.channels[0].observed) for p in searcher.records]
     without = with_it = 0.0
     for half in (0, 1):
         mask = [(np.arange(n) // block) % 2 == half for n in lengths]
         problem = searcher.problem(mask=mask)
-        one = problem.solve(before.xs, before.chosen, frozenset(_owners(searcher, before)), 3)
-        two = problem.solve(best.fit.xs, best.fit.chosen, frozenset(_owners(searcher, best.fit)), 3)
+        one, two = (
+            problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(_owners(searcher, fit)), 4)
+            for fit in (before, best.fit)
+        )
         elsewhere = searcher.problem(mask=[~m for m in mask])
         without += float(np.sum(elsewhere.whitened(one.residuals) ** 2))
         with_it += float(np.sum(elsewhere.whitened(two.residuals) ** 2))

@@ -34,7 +34,10 @@ class Quality:
 def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     """Measure it on the first record."""
     first = found.steps[0] if found.steps else None
-    gain = 0.0 if first is None or not first.refits else 1 - first.refits[0].fit.cost / first.before.cost
+    best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
+    if best is None and first is not None and first.refits:
+        best = first.refits[0]
+    gain = 0.0 if first is None or best is None else 1 - best.fit.cost / first.before.cost
     before, after = structure(searcher, found.nominal), structure(searcher, found.last)
     whole = max(before * energy(found.nominal), 1e-300)
     return Quality(gain, before, after, min(after * energy(found.last) / whole, 1.0), law_left)
