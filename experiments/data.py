@@ -20,3 +20,12 @@ def emps_folder() -> Path | None:
     data = Path(os.environ["DIDIM_DATA"]) if "DIDIM_DATA" in os.environ else ROOT.parent / "shared" / "data"
     folder = data / "emps"
     return folder if all((folder / name).is_file() for name in EMPS_RECORDS) else None
+
+
+def gap_folder() -> Path | None:
+    """Folder of the open diagnosis cases, their answers and their judge: `gap` beside the measured data."""
+    data = Path(os.environ["DIDIM_DATA"]) if "DIDIM_DATA" in os.environ else ROOT.parent / "shared" / "data"
+    for folder in (data.parent / "gap", data.parent / "shared" / "gap"):
+        if (folder / "dev").is_dir() and (folder / "dev_answers.json").is_file():
+            return folder
+    return None

@@ -44,12 +44,12 @@ def strings(source: str) -> list[str]:
 
 def test_nothing_in_the_package_names_a_file_of_answers():
     read = {path: strings(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")}
-    assert len(read) > 80
+    assert len(read) > 50
     found = [(path.name, text) for path, texts in read.items() for text in texts if re.search(ANSWERS, text)]
     assert found == []
 
 
-@pytest.mark.parametrize("text", ["../shared/gap/dev", "dev_answers.json", "answers.json", "/work/shared/x"])
+@pytest.mark.parametrize("text", ["../shared/gap/dev", "dev_answers.json", "answers.json", "/data/shared/x"])
 def test_that_search_finds_what_it_looks_for(text):
     assert [t for t in strings(f'"""Say."""\nopen("{text}")') if re.search(ANSWERS, t)]
     assert not [t for t in strings(f'"""Say {text}."""') if re.search(ANSWERS, t)]

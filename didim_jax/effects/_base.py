@@ -101,7 +101,8 @@ class Bench:
     """What is known before a diagnosis, for effects that need it: the machine's numbers and the record's ranges.
 
     `lead` m per turn, `limit` V, `gain` N/V, `dt` s, stroke from `q_low` to `q_high` m, `duration` s, the recorded
-    `volts`, the encoder's `grid` (m) if it is coarser than documented, and `disturbance`: the force (N, per sample) on the axis that the nominal plant leaves unexplained.
+    `volts`, the encoder's `grid` (m) if it is coarser than documented, and `disturbance`: the force (N, per sample) on
+    the axis that the nominal plant leaves unexplained.
     """
 
     lead: float = 0.0025

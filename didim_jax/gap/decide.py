@@ -1,6 +1,6 @@
 """From the evidence to a verdict: probabilities of each effect, of none, of something else, and groups of twins.
 
-Numbers below were set on open cases by cross-validation over them; see `experiments/calibration`.
+Numbers below were set on open cases by cross-validation over them; see `experiments/gap_cases.py`.
 """
 
 import dataclasses

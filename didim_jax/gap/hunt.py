@@ -28,7 +28,8 @@ class Found:
     """Where the hunt ended.
 
     `read` effects came with the record, `adopted` lists them and those found, in order. `stages` holds the fit after
-    each effect found, `order` which one each step found; `last_in` the share of the closed gap that comes back without an effect.
+    each effect found, `order` which one each step found; `last_in` the share of the closed gap that comes back without
+    an effect.
     """
 
     nominal: Fit

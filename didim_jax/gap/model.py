@@ -175,7 +175,7 @@ class Model:
 
     def run(self, x: np.ndarray) -> np.ndarray:
         """(2, n): commanded force (N) and q2 - qm (m)."""
-        return np.asarray(_run(self._traced, np.asarray(x, dtype=float)))
+        return np.asarray(_run(self._traced, jnp.asarray(x, dtype=float)))
 
     def batch(self, xs: np.ndarray, width: int = 32) -> np.ndarray:
         """(len(xs), 2, n): many runs, `width` at once."""
@@ -183,7 +183,7 @@ class Model:
         for k in range(0, len(xs), width):
             part = np.asarray(xs[k : k + width], dtype=float)
             padded = np.concatenate([part, np.repeat(part[-1:], width - len(part), axis=0)])
-            out.append(np.asarray(_batch(self._traced, padded))[: len(part)])
+            out.append(np.asarray(_batch(self._traced, jnp.asarray(padded)))[: len(part)])
         return np.concatenate(out) if out else np.zeros((0, 2, self.n))
 
     def columns(self, x: np.ndarray, chosen: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -194,7 +194,7 @@ class Model:
             part = list(chosen[k : k + WIDTH])
             basis = np.zeros((WIDTH, len(x)))
             basis[np.arange(len(part)), part] = 1.0
-            first, tangents = _columns(self._traced, x, basis)
+            first, tangents = _columns(self._traced, jnp.asarray(x), jnp.asarray(basis))
             value = np.asarray(first)
             parts.append(np.asarray(tangents)[: len(part)])
         return value, np.concatenate(parts) if parts else np.zeros((0, 2, self.n))

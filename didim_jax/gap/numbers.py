@@ -22,7 +22,7 @@ _TRANSIENT = 0.6  # s
 
 
 def rms_floor(record: Prepared, read: Readings, structured: float, after: float) -> float:
-    """What noise alone would leave of the fit record, N rms: by repeats where there are any, else the unstructured rest."""
+    """What noise alone would leave of the fit record, N rms: by repeats if any, else the unstructured rest."""
     rms = record.channels[0].rms
     repeated = None if any(read.pulses) else repeat_floor(record.recording).value
     unstructured = after * float(np.sqrt(max(1 - structured, 0.0)))
