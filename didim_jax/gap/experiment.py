@@ -8,7 +8,7 @@ import numpy as np
 
 from ..effects import AbstractEffect
 from ..recording import Recording
-from ..reference import Chirp, Dwell, Together, Trapezoid
+from ..reference import Chirp, Together, Trapezoid
 from ..reference import Sequence as Motions
 from .diagnosis import Experiment
 from .fit import Fit
@@ -115,9 +115,8 @@ def _menu(record: Prepared) -> list[Menu]:
             low,
         ),
         fitted(
-            "dwell at rest with dither below break-away, 4 s",
-            Motions((Dwell(1.0), Chirp(2e-6, 3.0, 20.0, 4.0), Dwell(1.0))),
+            "short strokes of 2 mm at 5 mm/s, forty reversals",
+            Trapezoid(0.002, 0.005, 0.5, 20),
             low + 0.5 * span,
         ),
-        Menu("the same reference once more", np.asarray(record.recording.qg)),
     ]
