@@ -12,6 +12,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import scipy.io
 from gap_machine import path, record
 
 from didim_jax import cli
@@ -286,15 +287,24 @@ def test_a_force_that_no_drive_explains_is_no_fault_of_the_program(desk):
         assert told["verdict"] in ("none", "unexplained")
 
 
-@pytest.mark.xfail(reason="a check record is looked at only after the search")
+@pytest.mark.xfail(reason="a check record's channels are looked for after the search only")
 @pytest.mark.parametrize("missing", ["qm", "vir"])
 def test_a_check_record_that_lacks_a_channel_is_refused_before_the_search(desk, idle, missing):
-    """Its names may be known before its numbers are read."""
-    bad = spoilt(desk, **{missing: None})
+    """The names in a file may be known before its numbers are read."""
+    channels = {k: v for k, v in scipy.io.loadmat("check.mat").items() if k != missing}
+    scipy.io.savemat("bad.mat", {k: v for k, v in channels.items() if not k.startswith("__")})
     before = desk.files()
-    status, out, err = desk.diagnose(*FIT, "--check", bad)
+    status, out, err = desk.diagnose(*FIT, "--check", "bad.mat")
     assert (status, out) == (2, "") and missing in err
     assert desk.files() == before
+
+
+@pytest.mark.xfail(reason="it stays")
+@pytest.mark.slow
+def test_a_second_run_without_a_check_leaves_no_prediction_of_the_first(desk):
+    desk.write("out/prediction.json", "{}")
+    assert desk.diagnose(*FIT)[0] == 0
+    assert {p.name for p in Path("out").iterdir()} == FILES - {"prediction.json"}
 
 
 @pytest.mark.slow

@@ -183,14 +183,33 @@ def test_two_effects_at_once(emps_like):
     assert_closed(d, noise=1.6)  # the third harmonic of the magnets stays
 
 
-@pytest.mark.parametrize("hidden", [{"rubs": sticking}, {"rubs": pulled_by_magnets}], ids=["sticking", "magnets"])
-def test_none_of_these_is_an_answer(emps_like, hidden):
+WITHHELD = ("stribeck", "cogging", "encoder_periodic_error", "transmission_error", "lead_friction")
+
+
+@pytest.fixture(scope="module", params=[sticking, pulled_by_magnets], ids=["sticking", "magnets"])
+def unknown(request, emps_like) -> Diagnosis:
     """The effect, and what could stand for it, withheld from the catalogue."""
-    withheld = ("stribeck", "cogging", "encoder_periodic_error", "transmission_error", "lead_friction")
-    d = diagnosed(emps_like, exclude=withheld, **hidden)
-    assert d.verdict == "unexplained"
-    assert not set(d.effects) & set(withheld) and not set(dict(d.ranking)) & set(withheld)
-    assert d.gap["check"].after > 2 * d.gap["check"].floor
+    return diagnosed(emps_like, exclude=WITHHELD, rubs=request.param)
+
+
+def test_none_of_these_is_an_answer(unknown):
+    assert unknown.verdict == "unexplained"
+    assert not {*unknown.effects, *dict(unknown.ranking)} & set(WITHHELD)
+    assert unknown.gap["check"].after > 0.3 * unknown.gap["check"].before
+
+
+@pytest.mark.xfail(reason="where no effect gains anything, none is given for certain, whatever structure is left")
+def test_what_is_unexplained_is_not_ranked_as_nothing(unknown):
+    assert dict(unknown.ranking)["none"] < 0.5
+
+
+@pytest.mark.xfail(reason="noise of the recorder is taken for another control law")
+def test_noise_of_the_recorder_is_no_gap(emps_like):
+    """20 mV on the recorded vir that the drive never had: as `didim simulate --noise` writes it."""
+    clean = record(emps_like, path(0), seed=10)
+    noise = np.random.default_rng(3).normal(0.0, 0.02, len(clean))
+    d = diagnose([dataclasses.replace(clean, vir=clean.vir + noise)], emps_like, CATALOGUE)
+    assert (d.verdict, d.effects) == ("none", ())
 
 
 def test_two_records_of_one_machine_are_fitted_together(emps_like, sticky):

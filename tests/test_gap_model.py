@@ -1,13 +1,17 @@
 """One compiled loop holds every effect: at their nulls it is the plain loop, and its columns are exact derivatives."""
 
 import dataclasses
+from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from gap_machine import path, record
+from jax import Array
 
 from didim_jax.chain import Chain
 from didim_jax.control import Drive, SampledPD
+from didim_jax.effects import AbstractEffect, Block
 from didim_jax.effects.actuator import AmplifierLag, Cogging
 from didim_jax.effects.catalogue import CATALOGUE
 from didim_jax.effects.coupling import CouplingDamping
@@ -16,6 +20,7 @@ from didim_jax.effects.friction import Presliding, Stribeck
 from didim_jax.effects.sensor import EncoderPeriodicError
 from didim_jax.gap.model import SOLVER, SUBSTEPS, WIDTH, Model
 from didim_jax.gap.prepared import prepare
+from didim_jax.params import param
 from didim_jax.plant import CoulombViscous, FlexibleDrive, RigidDrive
 from didim_jax.rig import excitation, first_state
 from didim_jax.simulate import SampledLoop, simulate
@@ -147,6 +152,24 @@ def test_values_survive_the_way_to_x_and_back(short, emps_like, kind):
             assert values[name] == entry.null, name
     inside = (model.lower <= x) & (x <= model.upper)
     assert [name for name, good in zip(model.names, inside, strict=True) if not good] == []
+
+
+class Swing(AbstractEffect):
+    """An effect as a user may write it, one of its parameters positive."""
+
+    block: ClassVar[Block] = Block.ENVIRONMENT
+    A: Array = param("N", scale=2.0, default=0.0)
+    w: Array = param("rad/s", positive=True, scale=1.0, default=10.0)
+
+    def __call__(self, t, x, signals):
+        return self.A * jnp.sin(self.w * t), x
+
+
+@pytest.mark.xfail(reason="a positive parameter stands at its typical size instead")
+def test_at_x_zero_every_effect_has_its_defaults(short, emps_like):
+    model = model_of(short, emps_like, "rigid", (Swing,))
+    values = model.decode(np.zeros(len(model.entries)))
+    assert (values["swing.A"], values["swing.w"]) == (0.0, pytest.approx(10.0))
 
 
 def test_the_smoothing_speed_stays_positive_and_has_its_range(few):

@@ -38,6 +38,9 @@ class AmplifierLag(AbstractEffect):
         behind = x - signals.incoming
         return behind * (self.T / signals.dt) * (1 - a), signals.incoming + behind * a
 
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
+
 
 class TimeDelay(AbstractEffect):
     """tau(t) = g vir(t - T) under a held command, as its mean over each sample; null T = 0, at most six samples."""
@@ -60,6 +63,9 @@ class TimeDelay(AbstractEffect):
         rising = jnp.where((i > 0) & (r >= i - 1) & (r < i), r - (i - 1), 0.0)
         weights = rising + jnp.where((r >= i) & (r < i + 1), i + 1 - r, 0.0)
         return jnp.sum(weights * (past - signals.incoming)), past[:-1]
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
 
 
 class Saturation(AbstractEffect):

@@ -13,6 +13,9 @@ RELEVANT = 0.15
 LEFT = 0.06
 """Share of the gap's structure, left by all effects found, at which something else is as likely as not."""
 
+STRUCTURED = 0.06
+"""Share of the last residual that must follow the motion for that."""
+
 TEMPERATURE = 12.0
 """Residuals are autocorrelated and laws are not exact: log-likelihoods are worth this many times less."""
 
@@ -74,12 +77,14 @@ def none(gain: float) -> float:
     return logistic(60.0 * (RELEVANT - gain))
 
 
-def other(left: float, law_left: float) -> float:
+def other(left: float, structured: float, law_left: float) -> float:
     """Probability of something outside the catalogue though effects were found.
 
-    `left` is the share of the gap's structure that they leave, `law_left` that of r_C which nothing explains.
+    `left` is the share of the gap's structure that they leave, `structured` the share of what they leave that still
+    follows the motion: both must be large. `law_left` is the share of r_C that nothing explains.
     """
-    return max(logistic(4.0 * np.log(max(left, 1e-9) / LEFT)), logistic(20.0 * (law_left - 0.2)))
+    force = logistic(4.0 * np.log(max(left, 1e-9) / LEFT)) * logistic(50.0 * (structured - STRUCTURED))
+    return max(force, logistic(20.0 * (law_left - 0.2)))
 
 
 def unknown(structured: float, law_left: float) -> float:

@@ -13,10 +13,12 @@ from .prepared import Prepared, motion
 from .search import Refit, Searcher, Step
 
 MOST_EFFECTS = 4
-SHARE = 0.025
+SHARE = 0.035
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
 SETTLED, WORTH = 0.05, 0.04
 """Structure left after an effect below which a further one is only tried if its score promises this share."""
+CERTAIN = 30.0
+"""Fall of the whitened cost (half a sum of squares) that noise does not give, allowing for its autocorrelation."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 BLOCK_S = 0.5
@@ -72,11 +74,11 @@ def hunt(
         steps.append(step)
         if not step.refits:
             break
-        worth = [r for r in step.refits[:TRIED] if 1 - r.fit.cost / last.cost >= decide.RELEVANT]
-        best = next((r for r in worth if _gains_elsewhere(searcher, last, r)), None)
+        worth = [r for r in step.refits[:TRIED] if gain(last, r.fit) >= decide.RELEVANT]
+        best = next((r for r in worth if _gains_elsewhere(searcher, last, r, adopted)), None)
         if best is None:
             break
-        say(f"{best.effect}: {100 * (1 - best.fit.cost / last.cost):.0f} % of what was left")
+        say(f"{best.effect}: {100 * gain(last, best.fit):.0f} % of what was left")
         adopted = (*adopted, best.effect)
         last = _settle(searcher, best, adopted)
         stages.append((best.effect, last))
@@ -97,12 +99,21 @@ def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
     return atlas(record.t, residual, q, v, a, qg, record.model.dt * record.decimation.factor, record.bench.lead)
 
 
+def gain(before: Fit, after: Fit) -> float:
+    """Share of the force residual's energy that a fit closes; hardly any where noise alone could have given it.
+
+    Energy says what matters, the cost, in which a slow drift weighs little, what is certain.
+    """
+    share = 1 - energy(after) / energy(before)
+    return share if before.cost - after.cost > CERTAIN else min(share, 0.3 * decide.RELEVANT)
+
+
 def energy(fit: Fit) -> float:
     """Energy of the force residual in the band, over all records."""
     return float(sum(row[0] @ row[0] for row in fit.residuals))
 
 
-def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit) -> bool:
+def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> bool:
     """Whether the effect also gains on interleaved blocks that took no part in its fit, in both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
     block = max(1, round(BLOCK_S / (searcher.records[0].model.dt * searcher.records[0].decimation.factor)))
@@ -112,19 +123,12 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit) -> bool:
         mask = [(np.arange(n) // block) % 2 == half for n in lengths]
         problem = searcher.problem(mask=mask)
         one, two = (
-            problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(_owners(searcher, fit)), 4)
-            for fit in (before, best.fit)
+            problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(free), 4)
+            for fit, free in ((before, adopted), (best.fit, (*adopted, best.effect)))
         )
-        elsewhere = searcher.problem(mask=[~m for m in mask])
-        without += float(np.sum(elsewhere.whitened(one.residuals) ** 2))
-        with_it += float(np.sum(elsewhere.whitened(two.residuals) ** 2))
+        without += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(one.residuals, mask, strict=True))
+        with_it += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(two.residuals, mask, strict=True))
     return with_it < (1 - 0.5 * decide.RELEVANT) * without
-
-
-def _owners(searcher: Searcher, fit: Fit) -> set[str]:
-    """Effects whose parameters a fit moves, beyond what every fit does."""
-    entries = searcher.model.entries
-    return {entries[i].owner for i in fit.chosen if searcher.model.names[i] not in PRIORS}
 
 
 def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:

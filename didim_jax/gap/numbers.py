@@ -39,7 +39,8 @@ def predict(
     # Without its qm the record's initial state is not known: what the guess stirs up has died down by then.
     simulated = ahead.decimation(ahead.model.run(x)[0])[ahead.t > _TRANSIENT]
     rms = float(np.sqrt(np.mean(left(record, found.last.outputs[0]) ** 2)))
-    return rms / float(np.sqrt(np.mean(simulated**2)))
+    expected = float(np.sqrt(np.mean(simulated**2)))
+    return rms / (expected if np.isfinite(expected) and expected > 0 else record.channels[0].rms)
 
 
 def closed(

@@ -10,7 +10,7 @@ from . import decide
 from .diagnosis import Experiment
 from .experiment import separating_experiment
 from .fit import Fit
-from .hunt import Found, energy, structure
+from .hunt import Found, energy, gain, structure
 from .readings import Readings
 from .search import Searcher, Step
 
@@ -37,10 +37,10 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
     if best is None and first is not None and first.refits:
         best = first.refits[0]
-    gain = 0.0 if first is None or best is None else 1 - best.fit.cost / first.before.cost
+    closed = 0.0 if first is None or best is None else gain(first.before, best.fit)
     before, after = structure(searcher, found.nominal), structure(searcher, found.last)
     whole = max(before * energy(found.nominal), 1e-300)
-    return Quality(gain, before, after, min(after * energy(found.last) / whole, 1.0), law_left)
+    return Quality(closed, before, after, min(after * energy(found.last) / whole, 1.0), law_left)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Verdict:
 def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings) -> Verdict:
     """From the evidence to a verdict."""
     effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
-    other = decide.other(q.left, q.law_left) if effects else decide.unknown(q.structured, q.law_left)
+    other = decide.other(q.left, q.structured, q.law_left) if effects else decide.unknown(q.structured, q.law_left)
     if read.effects:
         ranking = decide.settled(read.effects[0], other)
     else:
