@@ -19,6 +19,7 @@ from didim_jax import cli
 from didim_jax.effects import catalogue
 from didim_jax.formats import load_recording, save_recording
 from didim_jax.machine import Machine
+from didim_jax.recording import Recording
 
 FEW = "position_gain velocity_gain velocity_filter amplifier_dead_zone cogging offset cable_spring local_friction"
 FILES = {"diagnosis.json", "simulation.npz", "report.html", "prediction.json"}
@@ -52,11 +53,11 @@ def stop(q: float, v: float) -> float:
 class Desk:
     """A folder with two records of a machine, its file, and the command, run in this process."""
 
-    def __init__(self, folder: Path, machine: Machine, capsys, monkeypatch):
-        self.folder, self.machine, self._capsys, self._monkeypatch = folder, machine, capsys, monkeypatch
+    def __init__(self, folder: Path, machine: Machine, records: dict[str, Recording], capsys, monkeypatch):
+        self.folder, self._capsys, self._monkeypatch = folder, capsys, monkeypatch
         machine.save(folder / "machine.toml")
-        for number, name in enumerate(("fit.mat", "check.mat")):
-            save_recording(record(machine, path(number), rubs=stop, seed=number), folder / name)
+        for name, made in records.items():
+            save_recording(made, folder / name)
 
     def write(self, name: str, text: str) -> str:
         (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -97,15 +98,23 @@ class Desk:
         return status, said.out, said.err
 
 
+@pytest.fixture(scope="module")
+def records(emps_like) -> dict[str, Recording]:
+    return {
+        name: record(emps_like, path(number), rubs=stop, seed=number)
+        for number, name in enumerate(("fit.mat", "check.mat"))
+    }
+
+
 @pytest.fixture
-def desk(tmp_path, emps_like, capsys, monkeypatch) -> Iterator[Desk]:
+def desk(tmp_path, emps_like, records, capsys, monkeypatch) -> Iterator[Desk]:
     jax.devices()  # those there are: the command would ask for one a core, and every test after it would have them
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))  # not the user's
     monkeypatch.chdir(tmp_path)
     few = tuple(effect for effect in catalogue.CATALOGUE if effect.label() in FEW.split())
     monkeypatch.setattr(catalogue, "CATALOGUE", few)  # compiles in a third of the time
-    yield Desk(tmp_path, emps_like, capsys, monkeypatch)
+    yield Desk(tmp_path, emps_like, records, capsys, monkeypatch)
 
 
 @pytest.fixture

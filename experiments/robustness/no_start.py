@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import track
 
 from didim_jax.errors import InputError
-from didim_jax.identify import ModeScan, PlantParameters, Stopping, didim, scan_modes, split_rigid
+from didim_jax.identify import ModeScan, PlantParameters, Stopping, Trial, didim, scan_modes, split_rigid
 from didim_jax.identify.least_squares import Problem
 from didim_jax.identify.three_step import RIGID_HZ
 from didim_jax.params import names, values
@@ -43,6 +43,9 @@ _BEGIN = Stopping(tolerance=1e-3, max_iterations=6)
 """Enough to tell which starts are in the right pit."""
 
 _FINALISTS = 2
+
+_TRIES = 3
+"""Times that the next best cells are tried where the end is not one, or has a friction that drives the machine."""
 
 _MIDDLE = Stopping(tolerance=1e-3, max_iterations=10)
 
@@ -156,10 +159,23 @@ def without_start(twin: Twin) -> tuple[dict[str, float], int, bool]:
     assert isinstance(rigid, RigidDrive)
     template = split_rigid(rigid, 0.5, 30.0, friction_share=0.5)
     trial = twin.trial(template, _BAND_HZ)
-    scan = scan_modes(rigid, 1.0, (trial,))
-    drives = [split_rigid(rigid, lam, f_n, friction_share=0.5) for lam, f_n in best_cells(scan, _CELLS)]
+    cells = best_cells(scan_modes(rigid, 1.0, (trial,)), _CELLS * _TRIES)
     parametrisation = _parametrisation(template)
-    starts = np.array([list(values(drive).values()) for drive in drives])
+    iterations, end, converged = 0, {}, False
+    for k in range(_TRIES):
+        drives = [split_rigid(rigid, lam, f_n, friction_share=0.5) for lam, f_n in cells[k * _CELLS : (k + 1) * _CELLS]]
+        starts = np.array([list(values(drive).values()) for drive in drives])
+        end, more, converged = _from_cells(twin, template, parametrisation, trial, starts)
+        iterations += more
+        if converged and all(end[name] >= 0 for name in ("Fv1", "Fc1", "Fv2", "Fc2")):
+            break
+    return end, iterations, converged
+
+
+def _from_cells(
+    twin: Twin, template: FlexibleDrive, parametrisation: PlantParameters, trial: Trial, starts: np.ndarray
+) -> tuple[dict[str, float], int, bool]:
+    """Damped steps from some cells, the best of them ended by the exact method."""
     problem = (parametrisation, (trial,))
     begun = _lanes(_DAMPED, problem, starts, _BEGIN, batch=2)
     better = np.argsort(_cost(begun))[:_FINALISTS]
