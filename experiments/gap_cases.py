@@ -2,8 +2,9 @@
 
 python -m experiments.gap_cases [--config configs/gap_cases.toml] [--set key=value ...] [--quick] --out DIR
 
-A case that is already diagnosed in DIR is not done again. The answers are read here, after all diagnoses are written,
-and by the judge that comes with the cases; the package never sees them.
+A case that is already diagnosed in DIR is not done again: begin with an empty DIR after a change of the code. The
+answers are read here, to know what to leave out, and by the judge that comes with the cases; the package never sees
+them.
 """
 
 import json

@@ -20,7 +20,8 @@ from didim_jax.gap.prepared import Prepared, prepare
 
 PACKAGE = Path(__file__).resolve().parents[1] / "didim_jax"
 
-FEW = "position_gain velocity_gain velocity_filter offset asymmetric_coulomb payload_change encoder_periodic_error"
+FEW = "position_gain velocity_gain velocity_filter stribeck offset asymmetric_coulomb payload_change "
+FEW += "encoder_periodic_error"
 CATALOGUE_OF_FEW = tuple(effect for effect in CATALOGUE if effect.label() in FEW.split())
 
 
@@ -67,13 +68,13 @@ def test_the_diagnosis_opens_no_file_but_those_of_the_case():
 
 @pytest.fixture
 def case(tmp_path, emps_like) -> Case:
-    """A machine with a constant force that its simulation lacks, in files."""
+    """A machine that sticks more near rest than its simulation does, in files."""
 
-    def tilted(q: float, v: float) -> float:
-        return 4.0
+    def sticking(q: float, v: float) -> float:
+        return 10 * np.tanh(v / 4e-4) / (1 + (v / 0.012) ** 2)
 
-    save_recording(record(emps_like, path(0), rubs=tilted, seed=1), tmp_path / "fit.mat")
-    save_recording(record(emps_like, path(1), rubs=tilted, seed=2), tmp_path / "check.mat")
+    save_recording(record(emps_like, path(0), rubs=sticking, seed=1), tmp_path / "fit.mat")
+    save_recording(record(emps_like, path(1), rubs=sticking, seed=2), tmp_path / "check.mat")
     emps_like.save(tmp_path / "machine.toml")
     return Case("case", (tmp_path / "fit.mat",), tmp_path / "check.mat", tmp_path / "machine.toml")
 
@@ -97,7 +98,7 @@ def test_the_prediction_is_on_disk_before_anything_measured_in_the_check_record_
     monkeypatch.setattr(cases, "load_recording", watched_load)
     d = diagnose_case(case, CATALOGUE_OF_FEW, out)
 
-    assert "offset" in d.effects
+    assert d.effects == ("stribeck",)
     assert [names for names, predicted in seen if not predicted]  # the reference was read before
     for names, predicted in seen:
         assert predicted or (names is not None and set(names) <= {"t", "qg", "pulses_N"})

@@ -27,12 +27,14 @@ def outline(path: Path, machine: Machine) -> Recording:
     if path.suffix.lower() == ".mat" and path.is_file():
         try:
             variables = scipy.io.loadmat(path, variable_names=["t", "qg", "pulses_N"])
-        except (ValueError, NotImplementedError, OSError, TypeError) as error:
+            known = {k: np.ravel(v).astype(float) for k, v in variables.items() if not k.startswith("_")}
+        except Exception as error:  # the reader raises whatever a damaged file makes it stumble over
             raise InputError(f"{path}: not a MATLAB v5 file ({' '.join(str(error).split())}).") from None
-        known = {k: np.ravel(v).astype(float) for k, v in variables.items() if not k.startswith("_")}
         for name in ("t", "qg"):
             if name not in known:
                 raise InputError(f"{path}: channel {name} is missing.")
+        if len(known["t"]) < 1000:
+            raise InputError(f"{path}: {len(known['t'])} samples are too few, at least 1000 are needed.")
     else:
         whole = load_recording(path, gain=machine.drive.gain)
         known = {"t": whole.t, "qg": whole.qg} | ({} if whole.injected is None else {"pulses_N": whole.injected})

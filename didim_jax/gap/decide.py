@@ -1,9 +1,11 @@
 """From the evidence to a verdict: probabilities of each effect, of none, of something else, and groups of twins.
 
-Numbers below were set on open cases by cross-validation over them; see `experiments/gap_cases.py`.
+The numbers below are set by hand on open cases; `experiments/gap_cases.py` cross-validates the one that decides on
+abstention. Sealed cases judge all of them.
 """
 
 import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 
@@ -55,14 +57,14 @@ def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, fl
     return {k: v / total for k, v in sorted(out.items(), key=lambda item: -item[1])}
 
 
-def twins(evidence: Evidence, effect: str) -> tuple[str, ...]:
+def twins(evidence: Evidence, effect: str, adopted: Collection[str] = ()) -> tuple[str, ...]:
     """The group of at most three that these data cannot tell apart from the effect, itself first; () when alone."""
     ll = log_likelihood(evidence)
     mine = ll[evidence.effects.index(effect)]
     near = [
         (mine - value, name)
         for name, value in zip(evidence.effects, ll, strict=True)
-        if name != effect and mine - value < TWIN
+        if name not in (effect, *adopted) and mine - value < TWIN
     ]
     return (effect, *[name for _, name in sorted(near)[:2]]) if near else ()
 
@@ -94,4 +96,6 @@ def unknown(structured: float, law_left: float) -> float:
 
 def settled(effect: str, other: float) -> dict[str, float]:
     """The ranking when an effect was read off the record itself."""
-    return dict(sorted({effect: 1 - other - 1e-3, "other": other, "none": 1e-3}.items(), key=lambda item: -item[1]))
+    rest = max(1 - other, 0.0)
+    shares = {effect: 0.999 * rest, "other": other, "none": 0.001 * rest}
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))

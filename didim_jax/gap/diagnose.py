@@ -25,6 +25,11 @@ INVISIBLE = ("drive_gain",)
 """Absorbed by the base parameters exactly: never looked for."""
 
 
+ABSORBED = (
+    "A wrong drive gain cannot be seen in motor force and position: masses, friction and stiffness absorb it exactly."
+)
+
+
 def diagnose(
     recordings: Sequence[Recording],
     machine: Machine,
@@ -63,16 +68,17 @@ def diagnose(
     gaps = {"fit": Gap(relative(record, before), relative(record, after), floor / rms)}
     runs = [_run(record, recordings[0], before, after)]
     share, interval = closed(record, before, after, floor)
+    once = False
     stages = [{"effects": [name], "fit": relative(record, fit.outputs[0])} for name, fit in found.stages]
 
     if open_check is not None and outline is not None:
-        predicted = predict(outline, machine, catalogue, record, found)
+        predicted = predict(outline, quiet[0], machine, catalogue, record, found)
         say("check record")
         checked = open_check(predicted)
         remarks += [f"{checked.label}: {f.message}" for f in admit(checked, machine)]
         second = prepare(checked, machine, catalogue, devices[0], bench if GRID in verdict.effects else record.bench)
         plain = prepare(checked, machine, catalogue, devices[0], record.bench)
-        was = judge(plain, nominal.xs[0], (), rms_of(nominal)).outputs
+        was = judge(plain, nominal.xs[0], (), rms_of(record, nominal)).outputs
         moved: dict[str, float] = {}
         now = was
         for (_, fit), stage in zip(found.stages, stages, strict=True):
@@ -83,7 +89,8 @@ def diagnose(
         gaps["check"] = Gap(relative(second, was), relative(second, now), floor / check_rms, predicted)
         runs.append(_run(second, checked, was, now))
         # Pulses that came once are judged where they were.
-        if not any(read.pulses):
+        once = any(read.pulses) or "disturbance_pulses.A" in moved
+        if not once:
             share, interval = closed(second, was, now, floor)
         remarks += [f"{name} is {value:.4g} on the check record, its own." for name, value in moved.items()]
 
@@ -92,7 +99,7 @@ def diagnose(
         effects=verdict.effects,
         ambiguous_with=verdict.groups,
         ranking=tuple(verdict.ranking.items()),
-        parameters=parameters(searcher, found, read, verdict.effects),
+        parameters=parameters(searcher, found, read, verdict.effects, once),
         block=_block(searcher, verdict, read),
         base=base_shifts(searcher, found),
         gap=gaps,
@@ -101,7 +108,7 @@ def diagnose(
         last_in={e: found.last_in[e] for e in verdict.effects if e in found.last_in},
         where=whereabouts(searcher, nominal, found.last, found.adopted, read),
         experiment=next_experiment(searcher, found, verdict, catalogue),
-        remarks=(*remarks, *read.remarks),
+        remarks=(*remarks, *read.remarks, *((ABSORBED,) if verdict.verdict == "none" else ())),
         candidates=candidates(searcher, found, verdict.ranking, floor),
         atlas=atlas_of(record, left(record, before)),
         atlas_after=atlas_of(record, left(record, after)),
@@ -139,7 +146,7 @@ def _judged(searcher: Searcher, second: Prepared, fit: Fit, found: Found, moved:
     """The check record with the effects of a fit; what had to be moved for it is noted."""
     owners = {searcher.model.entries[i].owner for i in fit.chosen}
     effects = [e for e in searcher.model.effects if e.label() in owners and e.label() in found.adopted]
-    judged = judge(second, fit.xs[0], effects, rms_of(fit))
+    judged = judge(second, fit.xs[0], effects, rms_of(searcher.records[0], fit))
     moved.update(judged.moved)
     return judged.outputs
 

@@ -1,7 +1,7 @@
 """Judge a fitted model on another record: only what belongs to that record is estimated, never an effect's size."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,13 +23,13 @@ class Judged:
     moved: dict[str, float]
 
 
-def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], sigma: Sequence[float]) -> Judged:
+def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], sigma: Mapping[str, float]) -> Judged:
     """Simulate a record with the machine of x; its initial state, and clocks of its effects, are its own.
 
-    `sigma` is the rms that the fit left on each channel.
+    `sigma` is the rms that the fit left on each channel, by name; a channel that the fit did not have weighs little.
     """
     model = record.model
-    whitening = [[Whitening.flat(len(c.observed), s) for c, s in zip(record.channels, sigma, strict=True)]]
+    whitening = [[Whitening.flat(len(c.observed), sigma.get(c.name, 0.1 * c.rms)) for c in record.channels]]
     problem = Problem([record], whitening)
     x = np.array(x, dtype=float)
     start = model.of("start")
@@ -42,6 +42,8 @@ def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], si
             if name in model.index:
                 x = _clock(problem, x, name, start)
                 moved[name] = model.decode(x)[name]
+        if effect.label() == "disturbance_pulses":
+            x = _absent(problem, x, start, moved)
     x = _phase(problem, x, effects, start, moved)
     return Judged(x, model.run(x), moved)
 
@@ -54,6 +56,16 @@ def _clock(problem: Problem, x: np.ndarray, name: str, start: Sequence[int]) -> 
     best = min(zip(_costs(problem, trials), range(len(trials)), strict=True))[1]
     fit = problem.solve(trials[best], [*start, model.index[name]], evaluations=12)
     return fit.xs[0]
+
+
+def _absent(problem: Problem, x: np.ndarray, start: Sequence[int], moved: dict[str, float]) -> np.ndarray:
+    """x without the pulses where this record does not have them; A is then noted as moved to 0."""
+    model = problem.records[0].model
+    without = problem.solve(model.encode(x, {"disturbance_pulses.A": 0.0}), start, evaluations=12)
+    if without.cost >= problem.solve(x, start, evaluations=2).cost:
+        return x
+    moved["disturbance_pulses.A"] = 0.0
+    return without.xs[0]
 
 
 def _phase(
@@ -102,6 +114,9 @@ def left(record: Prepared, outputs: np.ndarray) -> np.ndarray:
     return force.observed - record.filtered(outputs, force)
 
 
-def rms_of(fit: Fit) -> list[float]:
-    """Rms that a fit leaves on each channel of its first record."""
-    return [max(float(np.sqrt(np.mean(r**2))), 1e-12) for r in fit.residuals[0]]
+def rms_of(record: Prepared, fit: Fit) -> dict[str, float]:
+    """Rms that a fit leaves on each channel of its first record, by name."""
+    return {
+        c.name: max(float(np.sqrt(np.mean(r**2))), 1e-12)
+        for c, r in zip(record.channels, fit.residuals[0], strict=True)
+    }

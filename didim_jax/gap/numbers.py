@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..effects import AbstractEffect
+from ..hygiene import injected_scale
 from ..machine import Machine
 from ..recording import Recording
 from .diagnosis import Candidate, Estimate, Shift
@@ -30,9 +31,20 @@ def rms_floor(record: Prepared, read: Readings, structured: float, after: float)
 
 
 def predict(
-    outline: Recording, machine: Machine, catalogue: Sequence[type[AbstractEffect]], record: Prepared, found: Found
+    outline: Recording,
+    fitted: Recording,
+    machine: Machine,
+    catalogue: Sequence[type[AbstractEffect]],
+    record: Prepared,
+    found: Found,
 ) -> float:
-    """The gap left on a trajectory of which only the reference is known: the same newtons, another norm."""
+    """The gap left on a trajectory of which only the reference is known: the same newtons, another norm.
+
+    A known signal enters as it does in the record that was fitted.
+    """
+    if outline.injected is not None and fitted.injected is not None:
+        volts = injected_scale(fitted, machine) * outline.injected
+        outline = dataclasses.replace(outline, injected=volts, vir=volts)
     ahead = prepare(outline, machine, catalogue, None, record.bench)
     x = np.array(found.last.xs[0])
     x[ahead.model.of("start")] = 0.0
@@ -67,8 +79,10 @@ def closed(
     return float(np.clip(share(sums), -1.0, 1.0)), (low, high)
 
 
-def parameters(searcher: Searcher, found: Found, read: Readings, effects: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parameters of every effect named, with their spread."""
+def parameters(
+    searcher: Searcher, found: Found, read: Readings, effects: Sequence[str], once: bool
+) -> dict[str, dict[str, Any]]:
+    """Parameters of every effect named, with their spread; `once`: its pulses did not come again."""
     model, std = searcher.model, standard_deviations(searcher, found.last)
     values = model.decode(found.last.xs[0])
     out: dict[str, dict[str, Any]] = {}
@@ -91,6 +105,8 @@ def parameters(searcher: Searcher, found: Found, read: Readings, effects: Sequen
                 "A": dataclasses.asdict(Estimate(float(np.median(volts)), float(np.std(volts)), "V")),
                 "repeats": False,
             }
+        elif name == "disturbance_pulses" and once:
+            out[name]["repeats"] = False
     return out
 
 

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..effects import AbstractEffect
+from ..errors import InputError
 from .fit import PRIORS, Fit, Problem
 from .noise import Whitening
 from .prepared import Prepared
@@ -95,11 +96,14 @@ class Searcher:
         p = self.records[0]
         outputs = p.model.batch(np.array(starts))
         costs = [float(np.sum((p.channels[0].observed - p.filtered(out, p.channels[0])) ** 2)) for out in outputs]
-        best = starts[int(np.nanargmin(costs))]
-        problem = self.problem()
-        fit = problem.solve(best, self.base, evaluations=20)
+        if not np.isfinite(costs).any():
+            raise InputError(f"{p.recording.label}: no drive of this kind follows it; check model and units.")
+        fit = self.problem().solve(starts[int(np.nanargmin(costs))], self.base, evaluations=20)
         self.weigh(fit)
-        return self.problem().solve(fit.xs, self.base, evaluations=12)
+        fit = self.problem().solve(fit.xs, self.base, evaluations=12)
+        if not fit.ok:
+            raise InputError(f"{p.recording.label}: the fit of the nominal drive diverged; check model and units.")
+        return fit
 
     def _starts(self) -> list[np.ndarray]:
         model, rigid = self.model, self.records[0].rigid
@@ -160,7 +164,9 @@ class Searcher:
             fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
             return Refit(r.effect, fit if fit.cost <= r.fit.cost else r.fit, r.score)
 
-        first = sorted(self.map(short, tried), key=lambda r: r.fit.cost)
+        first = sorted((r for r in self.map(short, tried) if r.fit.ok), key=lambda r: r.fit.cost)
+        if not first:
+            return Step(before, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
         near = [r for r in first if r.fit.cost < RIVAL * first[0].fit.cost]
         leaders = list(dict.fromkeys(r.effect for r in near))[:4]

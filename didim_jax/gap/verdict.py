@@ -61,7 +61,7 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
         ranking = decide.settled(read.effects[0], other)
     else:
         none = decide.none(q.gain)
-        ranking = decide.probabilities(evidence(searcher, found.steps[0]), none, other * (1 - none))
+        ranking = decide.probabilities(evidence(searcher, found.steps[0], found.order[:1]), none, other * (1 - none))
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
@@ -69,19 +69,24 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
     groups = []
     for name in found.adopted:
         step = found.step_of(name)
-        if step is not None and (group := decide.twins(evidence(searcher, step), name)):
+        if step is not None and (group := decide.twins(evidence(searcher, step, (name,)), name, effects)):
             groups.append(group)
     return Verdict("ambiguous" if groups else "effect", effects, tuple(groups), ranking)
 
 
-def evidence(searcher: Searcher, step: Step) -> decide.Evidence:
-    """Energies of the refits of one step, whitened as the best of them leaves it."""
+def evidence(searcher: Searcher, step: Step, adopted: Sequence[str] = ()) -> decide.Evidence:
+    """Energies of the refits of one step, whitened as the best of them leaves it.
+
+    What fitted better than the effect `adopted` in this step did not gain on other blocks, and is left out.
+    """
     model = searcher.model
-    if not step.refits:
+    names = [r.effect for r in step.refits]
+    refits = step.refits[names.index(adopted[0]) if adopted and adopted[0] in names else 0 :]
+    if not refits:
         return decide.Evidence((), np.zeros(0), np.zeros(0), 1.0, 1)
     filters = [
         [p.whitening(c, r) for c, r in zip(p.channels, row, strict=True)]
-        for p, row in zip(searcher.records, step.refits[0].fit.residuals, strict=True)
+        for p, row in zip(searcher.records, refits[0].fit.residuals, strict=True)
     ]
 
     def whitened(fit: Fit) -> float:
@@ -94,9 +99,9 @@ def evidence(searcher: Searcher, step: Step) -> decide.Evidence:
         )
 
     return decide.Evidence(
-        tuple(r.effect for r in step.refits),
-        np.array([whitened(r.fit) for r in step.refits]),
-        np.array([len(model.of(r.effect)) for r in step.refits], dtype=float),
+        tuple(r.effect for r in refits),
+        np.array([whitened(r.fit) for r in refits]),
+        np.array([len(model.of(r.effect)) for r in refits], dtype=float),
         whitened(step.before),
         sum(len(r) for row in step.before.residuals for r in row),
     )

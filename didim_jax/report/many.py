@@ -34,11 +34,15 @@ def diagnose_cases(
             try:
                 diagnosis = diagnose_case(case, catalogue, folder, exclude=exclude, devices=[device])
                 write_diagnosis(diagnosis, folder)
-            except InputError as error:
+            except Exception as error:  # whatever goes wrong with one case, the others go on
+                said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+                said = " ".join(said.split())
                 folder.mkdir(parents=True, exist_ok=True)
+                for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+                    (folder / stale).unlink(missing_ok=True)
                 with atomic_write(folder / "error.txt") as path:
-                    path.write_text(f"{error}\n", encoding="utf-8")
-                done(case, f"unusable: {error}")
+                    path.write_text(f"{said}\n", encoding="utf-8")
+                done(case, f"unusable: {said}")
                 return case.name
         (folder / "error.txt").unlink(missing_ok=True)
         done(case, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}")

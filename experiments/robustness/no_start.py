@@ -161,15 +161,19 @@ def without_start(twin: Twin) -> tuple[dict[str, float], int, bool]:
     trial = twin.trial(template, _BAND_HZ)
     cells = best_cells(scan_modes(rigid, 1.0, (trial,)), _CELLS * _TRIES)
     parametrisation = _parametrisation(template)
-    iterations, end, converged = 0, {}, False
+    iterations, ends = 0, []
     for k in range(_TRIES):
         drives = [split_rigid(rigid, lam, f_n, friction_share=0.5) for lam, f_n in cells[k * _CELLS : (k + 1) * _CELLS]]
         starts = np.array([list(values(drive).values()) for drive in drives])
-        end, more, converged = _from_cells(twin, template, parametrisation, trial, starts)
+        end, more, ended = _from_cells(twin, template, parametrisation, trial, starts)
         iterations += more
-        if converged and all(end[name] >= 0 for name in ("Fv1", "Fc1", "Fv2", "Fc2")):
+        possible = ended and all(end[name] >= 0 for name in ("Fv1", "Fc1", "Fv2", "Fc2"))
+        ends.append((possible, end))
+        if possible:
             break
-    return end, iterations, converged
+    # Where no end is a machine the first one is reported, and that it is none.
+    possible, end = next((found for found in ends if found[0]), ends[0])
+    return end, iterations, possible
 
 
 def _from_cells(

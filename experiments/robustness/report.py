@@ -13,7 +13,9 @@ from .maps import OneLaw, Results
 
 _SOURCE = (
     "Every record here is SYNTHETIC: the twin of the paper's drive (its Table 3), simulated by this program, with "
-    "white force noise of {noise:g} N rms at 1 kHz. No measurement takes part; what the paper reports is named as such."
+    "white force noise of {noise:g} N rms at 1 kHz added to the recorded force, from rest; without a start, other "
+    "machines are drawn. The same laws make the records and are fitted to them. No measurement takes part; what the "
+    "paper reports is named as such."
 )
 
 
@@ -157,7 +159,8 @@ def _step2(law: str, one: OneLaw, out: Path) -> Section:
     minimum, true = one.minimum, one.true_mode
     words = Text(
         f"The criterion is least at lam = {minimum['lam']:.3f}, f_n = {minimum['f_n']:.2f} Hz, beside the true "
-        f"{true[0]:.3f} and {true[1]:.2f} Hz, since step 2 leaves all friction on the motor side (eq. 27): that "
+        f"{true[0]:.3f} and {true[1]:.2f} Hz: the maps use the record's beginning only, where step 2, which leaves all "
+        "friction on the motor side (eq. 27), is drawn aside; on the whole record it is not (last section). That "
         f"minimum is 'the truth' here, within {100 * mode_start.TOLERANCE:g} %. "
         + (
             "Hatched: the sampled loop around the start is unstable."
@@ -216,7 +219,9 @@ def _no_start(results: Results, out: Path) -> Section:
     words = Text(
         "Rigid DIDIM from the rough mass of machine.toml, a scan of 84 modes with its totals, then damped exact steps "
         "from the four best cells: six of them from each, up to ten more from the better two, then full steps from "
-        f"the best. {none['under_one_second']} of {none['machines']} machines take less than a second, once compiled; "
+        "the best; the next four cells, twice, where that does not end, or ends with a friction that drives the "
+        "machine. "
+        f"{none['under_one_second']} of {none['machines']} machines take less than a second, once compiled; "
         f"the median takes {none['processor_seconds_median']:.2f} s of processor time, the longest "
         f"{none['processor_seconds_most']:.2f} s, over both cores and beside whatever else ran. Machines whose own "
         "sampled loop would be unstable are not drawn."
