@@ -97,6 +97,8 @@ def _diagnose(cases: Path, excluded: dict[str, tuple[str, ...]], out: Path) -> N
         try:
             found = diagnose_case(case, CATALOGUE, out / case.name, exclude=excluded[case.name], devices=[device])
             write_diagnosis(found, out / case.name)
+        except Exception as error:  # a case without a diagnosis is a wrong answer to the judge, and the others go on
+            print(f"{case.name}: {type(error).__name__}: {error}", file=sys.stderr)
         finally:
             free.put(device)
 

@@ -206,13 +206,11 @@ def test_none_of_these_is_an_answer(unknown):
     assert unknown.gap["check"].after > 0.3 * unknown.gap["check"].before
 
 
-@pytest.mark.xfail(reason="where no effect gains anything, none is given for certain, whatever structure is left")
 @pytest.mark.parametrize("unknown", [pulled_by_magnets], ids=["magnets"], indirect=True)
 def test_what_is_unexplained_is_not_ranked_as_nothing(unknown):
     assert dict(unknown.ranking)["none"] < 0.5
 
 
-@pytest.mark.xfail(reason="noise of the recorder is taken for another control law")
 def test_noise_of_the_recorder_is_no_gap(emps_like):
     """20 mV on the recorded vir that the drive never had: as `didim simulate --noise` writes it."""
     clean = record(emps_like, path(0), seed=10)

@@ -133,7 +133,6 @@ def test_a_fit_that_begins_where_nothing_can_be_simulated_says_so(made, monkeypa
     assert not fit.ok and fit.cost > 1e12
 
 
-@pytest.mark.xfail(reason="it drifts, and its standard deviation is given as 0")
 def test_a_parameter_that_changes_nothing_stays_and_is_not_called_certain(made):
     """A rigid drive has no coupling to damp."""
     model = made.model

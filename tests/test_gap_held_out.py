@@ -21,7 +21,7 @@ from didim_jax.gap.prepared import Prepared, prepare
 PACKAGE = Path(__file__).resolve().parents[1] / "didim_jax"
 
 FEW = "position_gain velocity_gain velocity_filter stribeck offset asymmetric_coulomb payload_change "
-FEW += "encoder_periodic_error"
+FEW += "encoder_periodic_error disturbance_pulses"
 CATALOGUE_OF_FEW = tuple(effect for effect in CATALOGUE if effect.label() in FEW.split())
 
 
@@ -126,6 +126,7 @@ def test_what_was_measured_in_the_check_record_changes_nothing_but_its_own_gap(c
 
 # -- what may move on the check record ---------------------------------------------------------------------------
 
+RMS = {"force": 0.5}  # N, what the fit left
 DRIVE = {"M": 95.0, "Fv": 200.0, "Fc": 20.0, "v_eps": 1e-3}
 
 
@@ -159,7 +160,7 @@ def test_sizes_stay_and_only_the_start_moves(checked):
     sizes = DRIVE | {"offset.F0": 3.0, "asymmetric_coulomb.dFc": 1.0}
     second = as_if(checked, sizes | {"offset.F0": 6.0, "start.v1": 1e-3})
     x = second.model.encode(np.zeros(len(second.model.entries)), sizes)
-    judged = judge(second, x, adopted(second, "offset", "asymmetric_coulomb"), [0.5])
+    judged = judge(second, x, adopted(second, "offset", "asymmetric_coulomb"), RMS)
     assert changed(second, x, judged.x) == set() and judged.moved == {}
     np.testing.assert_array_equal(judged.outputs, second.model.run(judged.x))
 
@@ -169,9 +170,26 @@ def test_a_clock_may_be_another_one_and_its_effect_keeps_its_size(checked):
     sizes = DRIVE | {"payload_change.dm": 8.0, "payload_change.t0": 1.0}
     second = as_if(checked, sizes | {"payload_change.dm": 10.0, "payload_change.t0": 1.35})
     x = second.model.encode(np.zeros(len(second.model.entries)), sizes)
-    judged = judge(second, x, adopted(second, "payload_change"), [0.5])
+    judged = judge(second, x, adopted(second, "payload_change"), RMS)
     assert changed(second, x, judged.x) == {"payload_change.t0"}
     assert judged.moved == {"payload_change.t0": pytest.approx(1.35, abs=0.05)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("come_again", [True, False])
+def test_pulses_may_not_come_again_but_cannot_be_others(checked, come_again):
+    pulses = {"A": 30.0, "t0": 1.0, "width": 0.05, "period": 1000.0, "n": 0.0}
+    sizes = DRIVE | {f"disturbance_pulses.{k}": v for k, v in pulses.items()}
+    second = as_if(checked, sizes | {"disturbance_pulses.A": 40.0 * come_again, "disturbance_pulses.t0": 1.2})
+    x = second.model.encode(np.zeros(len(second.model.entries)), sizes)
+    judged = judge(second, x, adopted(second, "disturbance_pulses"), RMS)
+    values = second.model.decode(judged.x)
+    assert changed(second, x, judged.x) <= {"disturbance_pulses.t0", "disturbance_pulses.A"}
+    assert values["disturbance_pulses.A"] == pytest.approx(30.0 * come_again)
+    if come_again:
+        assert judged.moved == {"disturbance_pulses.t0": pytest.approx(1.2, abs=0.02)}
+    else:
+        assert judged.moved["disturbance_pulses.A"] == 0.0
 
 
 @pytest.mark.slow
@@ -180,7 +198,7 @@ def test_an_encoder_s_phase_may_be_lost_and_its_error_keeps_its_size(checked):
     sizes = DRIVE | dict(zip(size, (2e-6, 0.0), strict=True))
     second = as_if(checked, DRIVE | dict(zip(size, (0.0, 3e-6), strict=True)))
     x = second.model.encode(np.zeros(len(second.model.entries)), sizes)
-    judged = judge(second, x, adopted(second, "encoder_periodic_error"), [0.5])
+    judged = judge(second, x, adopted(second, "encoder_periodic_error"), RMS)
     a, b = (second.model.decode(judged.x)[name] for name in size)
     assert changed(second, x, judged.x) == set(size)
     assert np.hypot(a, b) == pytest.approx(2e-6, rel=1e-9)

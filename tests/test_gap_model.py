@@ -165,7 +165,6 @@ class Swing(AbstractEffect):
         return self.A * jnp.sin(self.w * t), x
 
 
-@pytest.mark.xfail(reason="a positive parameter stands at its typical size instead")
 def test_at_x_zero_every_effect_has_its_defaults(short, emps_like):
     model = model_of(short, emps_like, "rigid", (Swing,))
     values = model.decode(np.zeros(len(model.entries)))

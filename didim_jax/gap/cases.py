@@ -27,12 +27,13 @@ def outline(path: Path, machine: Machine) -> Recording:
     if path.suffix.lower() == ".mat" and path.is_file():
         try:
             variables = scipy.io.loadmat(path, variable_names=["t", "qg", "pulses_N"])
+            there = {name for name, *_ in scipy.io.whosmat(path)}
             known = {k: np.ravel(v).astype(float) for k, v in variables.items() if not k.startswith("_")}
         except Exception as error:  # the reader raises whatever a damaged file makes it stumble over
             raise InputError(f"{path}: not a MATLAB v5 file ({' '.join(str(error).split())}).") from None
-        for name in ("t", "qg"):
-            if name not in known:
-                raise InputError(f"{path}: channel {name} is missing.")
+        for name in ("t", "qg", "qm", "vir"):
+            if name not in there:
+                raise InputError(f"{path}: channel {name} is missing; the file holds {', '.join(sorted(there))}.")
         if len(known["t"]) < 1000:
             raise InputError(f"{path}: {len(known['t'])} samples are too few, at least 1000 are needed.")
     else:
@@ -93,6 +94,7 @@ def diagnose_case(
     Raises InputError: any of the files cannot be used.
     """
     machine = Machine.load(case.machine)
+    (out / "prediction.json").unlink(missing_ok=True)
     recordings = [load_recording(path, gain=machine.drive.gain) for path in case.fits]
 
     def open_check(predicted: float) -> Recording:

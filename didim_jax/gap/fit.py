@@ -15,6 +15,8 @@ STOPPED = 1e6
 PRIORS: Mapping[str, tuple[float, float, float]] = {"coupling_damping.C": (25.0, 12.0, 80.0)}
 """Mean, standard deviation and most (SI) of what every machine has a little of, unless it is the effect looked for."""
 
+_OVERFLOW = 1e100
+
 START_STD = 10.0
 """Of shifts of the initial state, in typical sizes."""
 
@@ -100,6 +102,7 @@ class Problem:
 
         places = shared + each * len(self.records)
         low, high = lower[places], upper[places]
+        z0 = np.concatenate([starts[0][shared], *[s[each] for s in starts]])
         priors = []
         for position, place in enumerate(places):
             name = model.names[place]
@@ -110,6 +113,9 @@ class Problem:
                 entry = model.entries[place]
                 low[position], high[position] = entry.encode(0.0), entry.encode(most)
                 priors.append((position, entry.encode(mean), std / entry.scale))
+            else:
+                # What changes nothing stays where it is: a singular column would let it go anywhere.
+                priors.append((position, z0[position], 1e6))
 
         def prior(z: np.ndarray) -> np.ndarray:
             return np.array([(z[i] - m) / s for i, m, s in priors])
@@ -139,10 +145,9 @@ class Problem:
                 row += J.shape[0]
             for k, (i, _, s) in enumerate(priors):
                 blocks[row + k, i] = 1 / s
-            blocks[~np.isfinite(blocks)] = 0.0
+            blocks[~(np.abs(blocks) < _OVERFLOW)] = 0.0
             return blocks
 
-        z0 = np.concatenate([starts[0][shared], *[s[each] for s in starts]])
         inside = np.where(np.isfinite(high - low), 1e-6 * (high - low), 1e-6)
         z0 = np.clip(z0, low + inside, high - inside)
         found = scipy.optimize.least_squares(

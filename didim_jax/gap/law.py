@@ -61,7 +61,7 @@ class LawResidual:
     - `lag` samples by which vir follows the law: r_C is taken with that lag
     - `rms_band`, `relative` r_C inside the band: V, and against the commanded force
     - `counting` V inside the band that half a count of doubt in qm would leave
-    - `noise` V inside the band: what the best explanation leaves, or `counting` where that is less
+    - `noise` V inside the band: what the best explanation leaves, at most `counting` or the white noise of r_C
     - `explanations` none, each effect, both gains together; each with the pulses as well where there are any
     - `free_filter` any filter of eight taps and unit gain on the velocity: tells a filter of another law
     - `pulses` rectangular pulses that stand out of r_C
@@ -135,7 +135,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
         rms_band=rms_band,
         relative=rms_band / commanded,
         counting=counting,
-        noise=min(counting, rms_band * _unexplained(explanations)),
+        noise=min(max(counting, _white(r, c.sample_time, low)), rms_band * _unexplained(explanations)),
         explanations=tuple(explanations),
         free_filter=_free_filter(r, V),
         pulses=(),
@@ -149,6 +149,13 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     rows = [(first + a if a else 0, first + b if b < len(r) else n) for a, b in spans]
     pulses = [Pulse(float(times[a]), float(times[b]), volts[f"{_PULSES}.A{i}"]) for i, (a, b) in enumerate(rows)]
     return dataclasses.replace(found, pulses=tuple(pulses))
+
+
+def _white(r: np.ndarray, dt: float, low: LowPass) -> float:
+    """White noise of r inside the band, V rms: its level above six tenths of half the sampling rate, carried down."""
+    f, density = scipy.signal.welch(r, 1 / dt, nperseg=min(1024, len(r)), average="median")
+    _, H = scipy.signal.sosfreqz(low.sos, worN=4096)
+    return float(np.sqrt(np.mean(density[f > 0.3 / dt]) * np.mean(np.abs(H) ** 4) * 0.5 / dt))
 
 
 def _unexplained(explanations: Sequence[Explanation]) -> float:

@@ -218,4 +218,6 @@ def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start)
 
 
 def _entry(owner: str, p: Parameter, value: float) -> Entry:
-    return Entry(owner, p.name, p.unit, p.scale, value, p.lower, p.upper, logarithmic=p.positive)
+    # A positive parameter of an effect is at its default for x = 0, as any other is at its null.
+    scale = value if p.positive and owner and 0 < value < np.inf else p.scale
+    return Entry(owner, p.name, p.unit, scale, value, p.lower, p.upper, logarithmic=p.positive)

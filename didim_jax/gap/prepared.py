@@ -111,7 +111,8 @@ def prepare(
     # Odd reflection, as the gap is defined: it holds the fit to the first sample, where an even one averages it away.
     decimation = Decimation(LowPass.butterworth(CUTOFF_HZ, dt), max(1, int(0.5 / (CUTOFF_HZ * dt) + 1e-9)))
     channels = [Channel("force", "N", 0, decimation(recording.tau))]
-    if recording.ql is not None:
+    # A rigid drive has both encoders on one mass.
+    if recording.ql is not None and machine.model == "flexible" and np.ptp(recording.ql - recording.qm) > 0:
         twist = decimation(recording.ql - recording.qm)
         channels.append(Channel("load", "m", 1, twist - twist.mean(), centred=True))
     return Prepared(recording, machine, model, decimation, tuple(channels), rigid, bench)

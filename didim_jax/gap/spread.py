@@ -17,7 +17,7 @@ def standard_deviations(searcher: Searcher, fit: Fit) -> dict[int, float]:
     if J.shape[0] < len(residual):
         return {}
     rho = np.concatenate([residual, np.zeros(J.shape[0] - len(residual))])
-    seen = np.linalg.norm(J, axis=0) > 0
+    seen = np.linalg.norm(J[: len(residual)], axis=0) > 0
     lengths = [len(r) for row in fit.residuals for r in row]
     if J.shape[0] > len(residual):
         lengths.append(J.shape[0] - len(residual))
@@ -25,7 +25,7 @@ def standard_deviations(searcher: Searcher, fit: Fit) -> dict[int, float]:
         std = spread(J[:, seen], rho, lengths).std_autocorrelated
     except (ValueError, np.linalg.LinAlgError):
         return {}
-    whole = np.zeros(J.shape[1])
+    whole = np.full(J.shape[1], np.inf)  # of what the records do not show
     whole[seen] = std
     values = searcher.model.decode(fit.xs[0])
     out = {}

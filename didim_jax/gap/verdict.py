@@ -11,8 +11,12 @@ from .diagnosis import Experiment
 from .experiment import separating_experiment
 from .fit import Fit
 from .hunt import Found, energy, gain, structure
+from .judge import relative
 from .readings import Readings
 from .search import Searcher, Step
+
+FOREIGN = 0.5
+"""Share of the force that is left where the record is not this machine's at all."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,11 +61,15 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
     """From the evidence to a verdict."""
     effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
     other = decide.other(q.left, q.structured, q.law_left) if effects else decide.unknown(q.structured, q.law_left)
+    if relative(searcher.records[0], found.last.outputs[0]) > FOREIGN:
+        other = 1.0
     if read.effects:
         ranking = decide.settled(read.effects[0], other)
     else:
         none = decide.none(q.gain)
-        ranking = decide.probabilities(evidence(searcher, found.steps[0], found.order[:1]), none, other * (1 - none))
+        # Where nothing was found, structure that is left speaks against none; where something was, for what was found.
+        none, shared = (none * (1 - other), other) if not effects else (none, other * (1 - none))
+        ranking = decide.probabilities(evidence(searcher, found.steps[0], found.order[:1]), none, shared)
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
