@@ -356,7 +356,7 @@ X = (0.1075, 0.0075)  # middle and half of the stroke, m
 # effect: sizes, and (N on the motor side, N on the load side) from the motion
 LAWS: dict[str, tuple[dict[str, float], Any]] = {
     "asymmetric_coulomb": ({"dFc": 2.0}, lambda m: (-2 * m.s1**2, 0)),
-    "asymmetric_viscous": ({"dFv": 30.0}, lambda m: (-30 * m.v1 * m.s1, 0)),
+    "asymmetric_viscous": ({"dFv": 30.0}, lambda m: (-30 * np.abs(m.v1), 0)),
     "stribeck": (
         {"dFs": 4.0, "vs": 0.01, "a": 1.5},
         lambda m: (-4 * np.exp(-((np.abs(m.v1) / 0.01) ** 1.5)) * m.s1, 0),
