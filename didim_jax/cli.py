@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional
 
+from .devices import use_every_core
 from .errors import InputError
 
 
@@ -198,7 +199,7 @@ def diagnose(
         exclude: Effects to leave out of the catalogue.
         effects: Python file with effects of your own, added to the catalogue.
     """
-    _one_device_a_core()
+    use_every_core()
     import jax
 
     from .effects.catalogue import CATALOGUE, load
@@ -254,13 +255,6 @@ def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, ex
     if bad:
         print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
         sys.exit(1)
-
-
-def _one_device_a_core() -> None:
-    """One JAX device a core, so that refits run side by side. Must come before JAX is first used."""
-    flag = f"--xla_force_host_platform_device_count={os.cpu_count() or 1}"
-    if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 
 
 def simulate(

@@ -241,7 +241,7 @@ class _LawFit:
     relative: float  # residual / rms of vir
 
 
-def _law_terms(r: Recording, m: Machine) -> tuple[np.ndarray, np.ndarray]:
+def law_terms(r: Recording, m: Machine) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity terms of the documented law, V, from the third sample on."""
     c = m.controller
     dq = (r.qm[2:] - r.qm[:-2]) / (2 * c.sample_time)
@@ -263,7 +263,7 @@ def _fit_law(r: Recording, m: Machine) -> _LawFit | None:
     """None where the record is too short or too odd to say anything."""
     if len(r) < _SHORTEST_FIT:
         return None
-    columns = [*_law_terms(r, m), np.zeros(len(r) - 2) if r.injected is None else r.injected[2:]]
+    columns = [*law_terms(r, m), np.zeros(len(r) - 2) if r.injected is None else r.injected[2:]]
     vir = r.vir[2:]
     last = len(vir) - _MAX_LAG
     fits = {}

@@ -1,7 +1,9 @@
 """From what is documented (a machine, a record) to what is simulated (a loop, its excitation, its start)."""
 
+import dataclasses
 from collections.abc import Sequence
 
+import diffrax as dfx
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,11 +21,16 @@ _START_SAMPLES = 15
 
 
 def sampled_loop(
-    machine: Machine, plant: AbstractPlant, effects: Sequence[AbstractEffect] = (), substeps: int = 1
+    machine: Machine,
+    plant: AbstractPlant,
+    effects: Sequence[AbstractEffect] = (),
+    substeps: int = 1,
+    solver: dfx.AbstractSolver | None = None,
 ) -> SampledLoop:
     """The machine's sampled controller and drive around a plant, `substeps` integration steps per sample."""
-    law = machine.controller
-    return SampledLoop(controller=SampledPD(law.kp, law.kv), chain=_chain(machine, plant, effects), substeps=substeps)
+    law, chain = machine.controller, _chain(machine, plant, effects)
+    loop = SampledLoop(controller=SampledPD(law.kp, law.kv), chain=chain, substeps=substeps)
+    return loop if solver is None else dataclasses.replace(loop, solver=solver)
 
 
 def continuous_loop(

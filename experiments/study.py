@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from didim_jax.config import build
+from didim_jax.devices import use_every_core
 from didim_jax.errors import InputError
 from didim_jax.files import atomic_write
 from didim_jax.report import prepare_folder
@@ -48,13 +49,6 @@ def main[C](name: str, config: type[C], run: Callable[[C, Path], None], argv: li
         out = prepare_folder(arguments.out)
         _describe(out, name, table, arguments.quick)
         run(chosen, out)
-
-
-def use_every_core() -> None:
-    """One JAX device a core, so that lanes of a sweep run side by side. Must come before JAX is first used."""
-    flag = f"--xla_force_host_platform_device_count={os.cpu_count() or 1}"
-    if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 
 
 def read(path: Path, overrides: list[str], quick: bool) -> dict[str, Any]:

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "didim_jax"
 
 # A module may import from its own floor or from a lower one.
 FLOORS = {
-    0: "_types params recording formats files config errors machine hygiene benchmark signals reference",
+    0: "_types params recording formats files config errors machine hygiene benchmark signals reference devices",
     1: "effects plant control plant_file solver",
     2: "chain simulate idm statistics rig synthesize",
     3: "identify",

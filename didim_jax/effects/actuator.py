@@ -14,6 +14,9 @@ from ._law import remembered, turn
 _LONGEST_DELAY = 6
 """Samples that a delay may have."""
 
+_LATE = tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
+"""Where lag and delay are looked for: twins, from the same starts."""
+
 
 class AmplifierLag(AbstractEffect):
     """T F' + F = F_command under a held command, as its mean over each sample; null T = 0.
@@ -39,7 +42,7 @@ class AmplifierLag(AbstractEffect):
         return behind * (self.T / signals.dt) * (1 - a), signals.incoming + behind * a
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
-        return tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
+        return _LATE
 
 
 class TimeDelay(AbstractEffect):
@@ -65,7 +68,7 @@ class TimeDelay(AbstractEffect):
         return jnp.sum(weights * (past - signals.incoming)), past[:-1]
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
-        return tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
+        return _LATE
 
 
 class Saturation(AbstractEffect):

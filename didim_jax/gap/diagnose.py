@@ -76,20 +76,22 @@ def diagnose(
         say("check record")
         checked = open_check(predicted)
         remarks += [f"{checked.label}: {f.message}" for f in admit(checked, machine)]
-        second = prepare(checked, machine, catalogue, devices[0], bench if GRID in verdict.effects else record.bench)
-        plain = prepare(checked, machine, catalogue, devices[0], record.bench)
+        plain = second = prepare(checked, machine, catalogue, devices[0], record.bench)
+        if GRID in verdict.effects:
+            second = prepare(checked, machine, catalogue, devices[0], bench)
         was = judge(plain, nominal.xs[0], (), rms_of(record, nominal)).outputs
         moved: dict[str, float] = {}
-        now = was
-        for (_, fit), stage in zip(found.stages, stages, strict=True):
-            stage["check"] = relative(second, _judged(searcher, second, fit, found, moved))
-        if verdict.effects:
+        now, last = was, None
+        for (_, last), stage in zip(found.stages, stages, strict=True):
+            now = _judged(searcher, second, last, found, moved)
+            stage["check"] = relative(second, now)
+        if verdict.effects and last is not found.last:  # an effect was taken out again, or all were read off
             now = _judged(searcher, second, found.last, found, moved)
         check_rms = second.channels[0].rms
         gaps["check"] = Gap(relative(second, was), relative(second, now), floor / check_rms, predicted)
         runs.append(_run(second, checked, was, now))
         # Pulses that came once are judged where they were.
-        once = any(read.pulses) or "disturbance_pulses.A" in moved
+        once = any(read.pulses) or f"{PULSES}.A" in moved
         if not once:
             share, interval = closed(second, was, now, floor)
         remarks += [f"{name} is {value:.4g} on the check record, its own." for name, value in moved.items()]

@@ -120,15 +120,11 @@ class Problem:
         def prior(z: np.ndarray) -> np.ndarray:
             return np.array([(z[i] - m) / s for i, m, s in priors])
 
-        last: dict[str, object] = {}
-
         def fun(z: np.ndarray) -> np.ndarray:
             outputs = [p.model.run(x_r) for p, x_r in zip(self.records, spread(z), strict=True)]
             if not all(np.isfinite(out).all() for out in outputs):
                 return np.full(self._length() + len(priors), STOPPED)
-            residual = np.concatenate([self.whitened(self.residuals(outputs)), prior(z)])
-            last.update(z=z.copy(), outputs=outputs)
-            return residual
+            return np.concatenate([self.whitened(self.residuals(outputs)), prior(z)])
 
         def jac(z: np.ndarray) -> np.ndarray:
             blocks = np.zeros((self._length() + len(priors), size))

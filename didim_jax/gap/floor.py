@@ -12,6 +12,7 @@ import scipy.signal
 
 from ..recording import Recording
 from ..signals import LowPass
+from .noise import white_in_band
 
 _REPEATS = 1e-4
 """Largest rms by which passes may differ, per stroke. One sample too early or late is several times as much."""
@@ -77,12 +78,7 @@ def load_noise(recording: Recording, band_hz: float = 60.0) -> float | None:
     if recording.ql is None:
         return None
     dt = recording.dt
-    f, density = scipy.signal.welch(
-        recording.ql - recording.qm, 1 / dt, nperseg=min(1024, len(recording)), detrend="linear", average="median"
-    )
-    white = float(np.mean(density[f > 0.3 / dt]))  # m^2/Hz
-    _, H = scipy.signal.sosfreqz(LowPass.butterworth(band_hz, dt).sos, worN=4096)
-    return float(np.sqrt(white * np.mean(np.abs(H) ** 4) * 0.5 / dt))
+    return white_in_band(recording.ql - recording.qm, dt, LowPass.butterworth(band_hz, dt))
 
 
 def _period(q: np.ndarray, dt: float) -> int | None:

@@ -15,10 +15,11 @@ import numpy as np
 import scipy.optimize
 import scipy.signal
 
-from ..hygiene import injected_scale
+from ..hygiene import injected_scale, law_terms
 from ..machine import Machine
 from ..recording import Recording
 from ..signals import LowPass
+from .noise import white_in_band
 
 RELEVANT = 2e-3
 """Share of the commanded force's rms below which r_C, both in the band, is not worth an effect."""
@@ -103,8 +104,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     """r_C of a record, fitted by every effect of the controller and searched for pulses; no plant is needed."""
     n, c = len(recording), machine.controller
     position, velocity = np.zeros(n), np.zeros(n)
-    position[2:] = c.kv * c.kp * (recording.qg[2:] - recording.qm[2:])
-    velocity[2:] = -c.kv * (recording.qm[2:] - recording.qm[:-2]) / (2 * c.sample_time)
+    position[2:], velocity[2:] = law_terms(recording, machine)
     vir = np.array(recording.vir)
     if recording.injected is not None:
         vir -= injected_scale(recording, machine) * recording.injected
@@ -135,7 +135,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
         rms_band=rms_band,
         relative=rms_band / commanded,
         counting=counting,
-        noise=min(max(counting, _white(r, c.sample_time, low)), rms_band * _unexplained(explanations)),
+        noise=min(max(counting, white_in_band(r, c.sample_time, low)), rms_band * _unexplained(explanations)),
         explanations=tuple(explanations),
         free_filter=_free_filter(r, V),
         pulses=(),
@@ -149,13 +149,6 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     rows = [(first + a if a else 0, first + b if b < len(r) else n) for a, b in spans]
     pulses = [Pulse(float(times[a]), float(times[b]), volts[f"{_PULSES}.A{i}"]) for i, (a, b) in enumerate(rows)]
     return dataclasses.replace(found, pulses=tuple(pulses))
-
-
-def _white(r: np.ndarray, dt: float, low: LowPass) -> float:
-    """White noise of r inside the band, V rms: its level above six tenths of half the sampling rate, carried down."""
-    f, density = scipy.signal.welch(r, 1 / dt, nperseg=min(1024, len(r)), average="median")
-    _, H = scipy.signal.sosfreqz(low.sos, worN=4096)
-    return float(np.sqrt(np.mean(density[f > 0.3 / dt]) * np.mean(np.abs(H) ** 4) * 0.5 / dt))
 
 
 def _unexplained(explanations: Sequence[Explanation]) -> float:

@@ -8,6 +8,9 @@ import dataclasses
 
 import numpy as np
 import scipy.fft
+import scipy.signal
+
+from ..signals import LowPass
 
 CORRELATION_TIME = 3.0
 """T, s."""
@@ -37,3 +40,10 @@ class Whitening:
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """Along the last axis."""
         return scipy.fft.idct(self.weights * scipy.fft.dct(r, norm="ortho", axis=-1), norm="ortho", axis=-1)
+
+
+def white_in_band(x: np.ndarray, dt: float, low: LowPass) -> float:
+    """Rms of the white noise of x inside the band: its level above six tenths of half the rate, carried down."""
+    f, density = scipy.signal.welch(x, 1 / dt, nperseg=min(1024, len(x)), detrend="linear", average="median")
+    _, H = scipy.signal.sosfreqz(low.sos, worN=4096)
+    return float(np.sqrt(np.mean(density[f > 0.3 / dt]) * np.mean(np.abs(H) ** 4) * 0.5 / dt))

@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..chain import Chain
-from ..control import Drive, SampledPD
 from ..effects import AbstractEffect, Bench
 from ..machine import Machine
 from ..plant import AbstractPlant, CoulombViscous, FlexibleDrive, RigidDrive
 from ..recording import Recording
-from ..rig import excitation, first_state
+from ..rig import excitation, first_state, sampled_loop
 from ..signals import Decimation, LowPass, central_difference
-from ..simulate import SampledLoop
 from .model import SOLVER, SUBSTEPS, Model
 from .noise import SLOW_SHARE, Whitening
 
@@ -64,11 +61,6 @@ class Prepared:
         sigma = max(float(np.sqrt(np.mean(residual**2))), 1e-4 * channel.rms)
         return Whitening.of(len(residual), dt, sigma, SLOW_SHARE * channel.rms)
 
-    @staticmethod
-    def model_force(outputs: np.ndarray) -> np.ndarray:
-        """Commanded force (N, per sample) among the model's outputs."""
-        return outputs[0]
-
     @property
     def t(self) -> np.ndarray:
         """Times of the decimated samples, s."""
@@ -90,7 +82,6 @@ def prepare(
 ) -> Prepared:
     """Make a record ready. `bench` of another record of the machine keeps the effects' settings (ranges) the same."""
     dt = machine.controller.sample_time
-    rigid, left = _rigid(recording, machine)
     if bench is None:
         bench = Bench(
             lead=machine.screw_lead,
@@ -101,12 +92,9 @@ def prepare(
             q_high=float(recording.qg.max()),
             duration=dt * len(recording),
             volts=recording.vir,
-            disturbance=left,
         )
-    law = machine.controller
     effects = tuple(effect.at(bench) for effect in catalogue)
-    chain = Chain(Drive(machine.drive.gain, machine.drive.limit), nominal(machine.model), effects)
-    loop = SampledLoop(controller=SampledPD(law.kp, law.kv), chain=chain, substeps=SUBSTEPS, solver=SOLVER)
+    loop = sampled_loop(machine, nominal(machine.model), effects, SUBSTEPS, SOLVER)
     model = Model(loop, excitation(recording, machine), first_state(recording, machine, loop), device)
     # Odd reflection, as the gap is defined: it holds the fit to the first sample, where an even one averages it away.
     decimation = Decimation(LowPass.butterworth(CUTOFF_HZ, dt), max(1, int(0.5 / (CUTOFF_HZ * dt) + 1e-9)))
@@ -115,11 +103,11 @@ def prepare(
     if recording.ql is not None and machine.model == "flexible" and np.ptp(recording.ql - recording.qm) > 0:
         twist = decimation(recording.ql - recording.qm)
         channels.append(Channel("load", "m", 1, twist - twist.mean(), centred=True))
-    return Prepared(recording, machine, model, decimation, tuple(channels), rigid, bench)
+    return Prepared(recording, machine, model, decimation, tuple(channels), _rigid(recording, machine), bench)
 
 
-def _rigid(recording: Recording, machine: Machine) -> tuple[dict[str, float], np.ndarray]:
-    """M, Fv, Fc of the rigid inverse model by least squares at 20 Hz, and the force (N, per sample) that it leaves."""
+def _rigid(recording: Recording, machine: Machine) -> dict[str, float]:
+    """M, Fv, Fc of the rigid inverse model by least squares at 20 Hz: where the nominal fit starts."""
     dt = machine.controller.sample_time
     low = LowPass.butterworth(20.0, dt)
     v = central_difference(recording.qm, dt)
@@ -127,8 +115,7 @@ def _rigid(recording: Recording, machine: Machine) -> tuple[dict[str, float], np
     W = low(np.column_stack([a, v, np.tanh(v / 2e-3), np.ones_like(v)]))
     Y = low(recording.tau)
     theta = np.linalg.lstsq(W, Y, rcond=None)[0]
-    left = W @ theta - Y  # what pushes along with the motor is positive
-    return {"M": float(theta[0]), "Fv": float(theta[1]), "Fc": float(theta[2])}, left - np.median(left)
+    return {"M": float(theta[0]), "Fv": float(theta[1]), "Fc": float(theta[2])}
 
 
 def motion(record: Prepared) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ def score(problem: Problem, fit: Fit, effects: Sequence[AbstractEffect]) -> list
     """Every probe of every effect, best first. Effects are those of the first record's model, in its order."""
     first = problem.records[0]
     # A force that pushes along with the motor leaves the command short of the simulation's.
-    pushed = first.model_force(fit.outputs[0]) - first.recording.tau
+    pushed = fit.outputs[0][0] - first.recording.tau
     bench = dataclasses.replace(first.bench, disturbance=LowPass.butterworth(30.0, first.model.dt)(pushed))
     trials = [(effect, probe) for effect in effects for probe in effect.probes(bench)]
     model = problem.records[0].model
