@@ -10,7 +10,7 @@ from jax import Array
 from ._types import Scalar
 from .control import Drive
 from .effects import SAMPLED, AbstractEffect, Block, Forces, Signals, acts_once_per_sample
-from .plant import AbstractPlant
+from .plant import AbstractPlant, smooth_sign, without_coulomb
 
 type _Changes = dict[int, Any]
 """What changes of each effect's state, by its place in the chain."""
@@ -32,6 +32,18 @@ class Held(eqx.Module):
     dt: Scalar
 
 
+class Grip(eqx.Module):
+    """What Coulomb friction can hold on each side: force (N), the mass it acts on (kg), and its sign's speed (m/s).
+
+    `slide` (m/s) is added to the velocities at which it acts. A side that does not rub has no force.
+    """
+
+    force: tuple[Array, Array]
+    mass: tuple[Array, Array]
+    v_eps: tuple[Array, Array]
+    slide: Scalar
+
+
 class Chain(eqx.Module):
     """Drive and plant, with effects attached to their blocks; within a block they act in the order given."""
 
@@ -49,8 +61,7 @@ class Chain(eqx.Module):
             if friction is not None:
                 own[f"viscous{side}"], own[f"coulomb{side}"] = friction.split(v)
                 own[f"level{side}"] = friction.level(v)
-                own[f"friction{side}"] = friction
-                own[f"s{side}"] = jnp.tanh(v / friction.v_eps)
+                own[f"s{side}"] = smooth_sign(v, friction.v_eps)
         return Signals(
             q1,
             v1,
@@ -101,8 +112,8 @@ class Chain(eqx.Module):
         force, changes = self.along(Block.ACTUATOR, t, state.effects, signals, self.drive(command))
         return Held(command, force, t, dt), changes
 
-    def _mechanics(self, t: Array, state: State, held: Held) -> tuple[Array, Forces, _Changes]:
-        """(motor force in N, what effects add to the mechanics, dx/dt of each effect that acts at every instant)."""
+    def _mechanics(self, t: Array, state: State, held: Held) -> tuple[Array, Forces, _Changes, Signals]:
+        """Motor force (N), what effects add, dx/dt of each effect that acts at every instant, and what they saw."""
         signals = self.signals(state.plant, held.command)
         signals = eqx.tree_at(lambda s: (s.held_since, s.dt, s.force), signals, (held.since, held.dt, held.force))
         tau, total = held.force, Forces()
@@ -118,7 +129,7 @@ class Chain(eqx.Module):
                 tau = tau + made
             else:
                 total = jax.tree.map(lambda a, b: a + b, total, _on(effect.block, made))
-        return tau, total, rates
+        return tau, total, rates, signals
 
     def force(self, t: Array, state: State, held: Held) -> Array:
         """Motor force (N) that reaches the plant: the drive's, then that of effects in the actuator."""
@@ -126,13 +137,51 @@ class Chain(eqx.Module):
 
     def derivative(self, t: Array, state: State, held: Held) -> State:
         """d(state)/dt while the drive holds a command. Effects that act once per sample stand still."""
-        tau, total, rates = self._mechanics(t, state, held)
-        dy = self.plant.vector_field(
+        tau, total, rates, signals = self._mechanics(t, state, held)
+        rubbing = [
+            0.0
+            if friction is None
+            else friction(v) - friction(v + total.slide) - more * smooth_sign(v + total.slide, friction.v_eps)
+            for friction, v, more in zip(
+                self.plant.frictions(),
+                (signals.v1, signals.v2),
+                (total.grip_motor, total.grip_load),
+                strict=True,
+            )
+        ]
+        return self._rates(self.plant, state, tau, total, rubbing, rates)
+
+    def free(self, t: Array, state: State, held: Held) -> tuple[State, Grip]:
+        """d(state)/dt without Coulomb friction, and what that friction can hold: for a step that solves for it."""
+        tau, total, rates, signals = self._mechanics(t, state, held)
+        forces: list[Array] = []
+        speeds: list[Array] = []
+        rubbing: list[Any] = []
+        for friction, v, more in zip(
+            self.plant.frictions(), (signals.v1, signals.v2), (total.grip_motor, total.grip_load), strict=True
+        ):
+            if friction is None:
+                forces.append(jnp.zeros_like(v))
+                speeds.append(jnp.ones_like(v))
+                rubbing.append(0.0)
+            else:
+                forces.append(friction.level(v + total.slide) + more)
+                speeds.append(jnp.asarray(friction.v_eps))
+                rubbing.append(friction.split(v)[0] - friction.split(v + total.slide)[0])
+        rolling = self._rates(without_coulomb(self.plant), state, tau, total, rubbing, rates)
+        masses = self.plant.masses(total.payload)
+        return rolling, Grip((forces[0], forces[1]), masses, (speeds[0], speeds[1]), total.slide)
+
+    def _rates(
+        self, plant: AbstractPlant, state: State, tau: Array, total: Forces, rubbing: list[Any], rates: _Changes
+    ) -> State:
+        """d(state)/dt; `rubbing` (N) comes on top of what effects add on each side."""
+        dy = plant.vector_field(
             state.plant,
             tau,
-            on_motor=total.motor,
+            on_motor=total.motor + rubbing[0],
             on_coupling=total.coupling,
-            on_load=total.load,
+            on_load=total.load + rubbing[1],
             frame=total.frame,
             payload=total.payload,
         )

@@ -21,7 +21,7 @@ import numpy as np
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional
 
-from .devices import use_every_core
+from .devices import cores, use_every_core
 from .errors import InputError
 
 
@@ -113,6 +113,8 @@ def _prepare() -> None:
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("didim_jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    # A thread then waits for its own computation, in its own time: two threads, two cores, one compiled program.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def identify(
@@ -200,7 +202,6 @@ def diagnose(
         effects: Python file with effects of your own, added to the catalogue.
     """
     use_every_core()
-    import jax
 
     from .effects.catalogue import CATALOGUE, load
     from .gap.cases import Case, cases_in, diagnose_case
@@ -222,14 +223,13 @@ def diagnose(
     check_folder(out)
     case = Case(records[0].stem, tuple(records), check, machine)
     with _progress() as (_, say):
-        found = diagnose_case(case, catalogue, out, exclude=exclude, devices=jax.devices(), say=say)
+        found = diagnose_case(case, catalogue, out, exclude=exclude, threads=cores(), say=say)
     write_diagnosis(found, out)
     print_diagnosis(found, out)
 
 
 def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, exclude: Sequence[str]) -> None:
     """All cases under a bar with the time left; exit status 1 where one could not be used."""
-    import jax
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -251,7 +251,7 @@ def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, ex
             progress.advance(task)
             console.print(f"{case.name}: {line}", markup=False, highlight=False)
 
-        bad = diagnose_cases(cases, catalogue, out, exclude=exclude, devices=jax.devices(), done=done)
+        bad = diagnose_cases(cases, catalogue, out, exclude=exclude, threads=cores(), done=done)
     if bad:
         print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
         sys.exit(1)

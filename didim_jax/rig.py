@@ -15,6 +15,7 @@ from .machine import Machine
 from .plant import AbstractPlant
 from .recording import Recording
 from .simulate import AbstractLoop, ContinuousLoop, Excitation, SampledLoop, Start
+from .sliding import Sliding
 
 _START_SAMPLES = 15
 """Samples whose parabola gives the first speed: long enough for an encoder's steps, short enough for a mode."""
@@ -25,7 +26,7 @@ def sampled_loop(
     plant: AbstractPlant,
     effects: Sequence[AbstractEffect] = (),
     substeps: int = 1,
-    solver: dfx.AbstractSolver | None = None,
+    solver: dfx.AbstractSolver | Sliding | None = None,
 ) -> SampledLoop:
     """The machine's sampled controller and drive around a plant, `substeps` integration steps per sample."""
     law, chain = machine.controller, _chain(machine, plant, effects)

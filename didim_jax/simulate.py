@@ -16,6 +16,7 @@ from .chain import Chain, Held, State
 from .control import AbstractSampledController, ContinuousPD
 from .effects import Block, acts_once_per_sample
 from .plant import Axis
+from .sliding import Sliding
 from .solver import Unrolled
 
 type _Carry = tuple[State, Array]
@@ -107,13 +108,14 @@ class AbstractLoop(eqx.Module):
 class SampledLoop(AbstractLoop):
     """A sampled controller: measure, compute, hold the command for one sample, as on the rig.
 
-    The motion between two samples is integrated by a diffrax solver in `substeps` equal steps.
+    The motion between two samples is integrated in `substeps` equal steps: by a diffrax solver, or by `Sliding`, where
+    friction can hold at rest.
     """
 
     controller: AbstractSampledController
     chain: Chain
     substeps: int = eqx.field(static=True, default=1)
-    solver: dfx.AbstractSolver = eqx.field(static=True, default=Unrolled(dfx.Tsit5()))
+    solver: dfx.AbstractSolver | Sliding = eqx.field(static=True, default=Unrolled(dfx.Tsit5()))
 
     @property
     def memory_names(self) -> tuple[str, ...]:
@@ -147,6 +149,14 @@ class SampledLoop(AbstractLoop):
 
         def hold(t: Array, state: State, held: Held) -> State:
             """One sample of motion under what the drive holds; only what moves continuously is integrated."""
+            solver = self.solver
+            if isinstance(solver, Sliding):
+
+                def substep(i: Array, state: State) -> State:
+                    return solver.step(chain, t + i * h, h, state, held)
+
+                # By twos: four written out take twice as long to compile, and are no faster.
+                return jax.lax.fori_loop(0, self.substeps, substep, state, unroll=2)
 
             def as_state(y: Array) -> State:
                 plant, effects = as_moving(y)
@@ -162,8 +172,8 @@ class SampledLoop(AbstractLoop):
             y = tuple(start[i] for i in range(size))  # scalars: the compiler then sees through every stack
             for i in range(self.substeps):
                 t0, t1 = t + i * h, t + (i + 1) * h
-                memo = self.solver.init(term, t0, t1, y, None)
-                y, _, _, _, _ = self.solver.step(term, t0, t1, y, None, memo, made_jump=True)
+                memo = solver.init(term, t0, t1, y, None)
+                y, _, _, _, _ = solver.step(term, t0, t1, y, None, memo, made_jump=True)
             return as_state(jnp.stack(y))
 
         def sample(carry: _Carry, now: tuple[Array, Array, Array]) -> tuple[_Carry, tuple[State, Held, Array]]:

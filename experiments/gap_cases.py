@@ -8,10 +8,8 @@ them.
 """
 
 import json
-import queue
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -79,32 +77,27 @@ def _left_out(answers: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 
 
 def _diagnose(cases: Path, excluded: dict[str, tuple[str, ...]], out: Path) -> None:
-    import jax
-    from rich.progress import track
+    from rich.console import Console
+    from rich.progress import Progress
 
+    from didim_jax.devices import cores
     from didim_jax.effects.catalogue import CATALOGUE
-    from didim_jax.gap.cases import cases_in, diagnose_case
-    from didim_jax.report.write_diagnosis import write_diagnosis
+    from didim_jax.gap.cases import cases_in
+    from didim_jax.report.many import diagnose_cases
 
-    free: queue.Queue[Any] = queue.Queue()
-    for device in jax.devices():
-        free.put(device)
+    wanted = [case for case in cases_in(cases) if case.name in excluded]
+    todo = [case for case in wanted if not (out / case.name / "diagnosis.json").exists()]
+    out.mkdir(parents=True, exist_ok=True)
+    console = Console(stderr=True)
+    with Progress(console=console) as progress:
+        task = progress.add_task(out.name, total=len(todo))
 
-    def one(case: Any) -> None:
-        if (out / case.name / "diagnosis.json").exists():
-            return
-        device = free.get()
-        try:
-            found = diagnose_case(case, CATALOGUE, out / case.name, exclude=excluded[case.name], devices=[device])
-            write_diagnosis(found, out / case.name)
-        except Exception as error:  # a case without a diagnosis is a wrong answer to the judge, and the others go on
-            print(f"{case.name}: {type(error).__name__}: {error}", file=sys.stderr)
-        finally:
-            free.put(device)
+        def done(case: Any, line: str) -> None:
+            progress.advance(task)
+            console.print(f"{case.name}: {line}", markup=False, highlight=False)
 
-    todo = [case for case in cases_in(cases) if case.name in excluded]
-    with ThreadPoolExecutor(len(jax.devices())) as pool:
-        list(track(pool.map(one, todo), total=len(todo), description=out.name))
+        # A case without a diagnosis is a wrong answer to the judge.
+        diagnose_cases(todo, CATALOGUE, out, exclude=excluded, threads=cores(), done=done)
 
 
 def _judged(folder: Path, answers: dict[str, Any], results: Path, excluded: bool) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -51,8 +51,7 @@ class Signals(eqx.Module):
     drive (V), and what reaches this effect along the chain: position (m), volts, or motor force (N). Then the plant's
     own friction: smooth sign of each side's velocity, Coulomb part, the same without its sign, viscous part (N). Then
     deflection (m) and stiffness (N/m) of the coupling. Then the drive: its force (N), gain (N/V), the sample's
-    beginning and length (s). Then the control law's position and velocity terms (V), and each side's friction as a
-    function of velocity, None where it has none.
+    beginning and length (s). Then the control law's position and velocity terms (V).
     """
 
     q1: Array
@@ -78,15 +77,14 @@ class Signals(eqx.Module):
     dt: Array = _zero()
     law_position: Array = _zero()
     law_velocity: Array = _zero()
-    friction1: Callable[[Array], Array] | None = None
-    friction2: Callable[[Array], Array] | None = None
 
 
 class Forces(eqx.Module):
     """What an effect adds to the mechanics at one instant, when it acts on more than its own block.
 
     N on the motor side, N in the coupling (on the motor side, taken from the load side), N on the load side, m/s2 of
-    the frame, kg on the load side.
+    the frame, kg on the load side. Then what it does to the friction that holds at rest: N added to the Coulomb
+    friction of the motor side and of the load side, without its sign, and m/s added to the velocity at which both rub.
     """
 
     motor: Scalar = 0.0
@@ -94,6 +92,9 @@ class Forces(eqx.Module):
     load: Scalar = 0.0
     frame: Scalar = 0.0
     payload: Scalar = 0.0
+    grip_motor: Scalar = 0.0
+    grip_load: Scalar = 0.0
+    slide: Scalar = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,6 +154,9 @@ class AbstractEffect(eqx.Module):
     source: ClassVar[str] = ""
     sampled: ClassVar[bool] = False
     """Acts on the held command once per sample (ACTUATOR): exact, and cheaper than at every instant."""
+    family: ClassVar[str] = ""
+    """Effects that take a good part of a step's time (powers, angles, states) belong to one. A program of several
+    effects holds those without a family, and a family only where one of its own takes part."""
     own_to_record: ClassVar[tuple[str, ...]] = ()
     """Parameters that another record of the same machine may have different: a phase lost at power-off, a clock."""
 

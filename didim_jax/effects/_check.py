@@ -84,11 +84,7 @@ def _motions(block: Block) -> Iterator[tuple[Array, Signals]]:
             "law_velocity": -0.4 * command,
         }
         arrays: dict[str, Any] = {name: jnp.asarray(value, dtype=float) for name, value in numbers.items()}
-        yield jnp.asarray(t), Signals(**arrays, friction1=_friction, friction2=_friction)
-
-
-def _friction(v: Array) -> Array:
-    return 100 * v + 10 * jnp.tanh(v / 1e-3)
+        yield jnp.asarray(t), Signals(**arrays)
 
 
 def _shapes(tree: object) -> tuple[object, list[tuple[int, ...]]]:

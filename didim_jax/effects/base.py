@@ -1,6 +1,5 @@
 """Effects of the frame that carries the axis."""
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ class BaseFlexibility(AbstractEffect):
     size: ClassVar[str] = "150-900 kg, 15-45 Hz"
     twins: ClassVar[tuple[str, ...]] = ("coupling_damping", "second_flexible_mode")
     source: ClassVar[str] = "machine on its feet, motor on its bracket"
+    family: ClassVar[str] = "mode"
     mu: Scalar = param("1/kg", scale=1e-3, lower=0.0, upper=0.05, default=0.0)
     f: Scalar = param("Hz", scale=5.0, lower=4.0, upper=90.0, default=25.0)
     zeta: Scalar = param("1", scale=0.02, lower=1e-3, upper=0.5, default=0.02)
@@ -36,15 +36,8 @@ class BaseFlexibility(AbstractEffect):
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         w = 2 * jnp.pi * self.f
         a = -self.mu * signals.force - w * w * x[0] - 2 * self.zeta * w * x[1]
-        motor = _more(signals.friction1, signals.v1, x[1])
-        load = _more(signals.friction2, signals.v2, x[1])
-        return Forces(frame=a, motor=-motor, load=-load), jnp.stack([x[1], a])
+        return Forces(frame=a, slide=x[1]), jnp.stack([x[1], a])
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         frequencies = np.geomspace(10.0, 60.0, 20)
         return tuple(Probe({"mu": 1 / 600}, {"f": float(f), "zeta": 0.02}) for f in frequencies)
-
-
-def _more(friction: Callable[[Array], Array] | None, v: Array, frame: Array) -> Array | float:
-    """What a side's friction (N) changes by when the frame moves too (m/s)."""
-    return 0.0 if friction is None else friction(v + frame) - friction(v)

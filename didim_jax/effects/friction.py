@@ -12,8 +12,8 @@ from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
 from ._law import power, turn
 
 
-class AbstractFrictionEffect(AbstractEffect):
-    """A friction force f of the motor side's motion, -f on the motor side.
+class AbstractGripEffect(AbstractEffect):
+    """A friction g(q, v) s of the motor side: it opposes the motion like Coulomb friction, and at rest it holds.
 
     Which side rubs shows only near the mode: the deflection is micrometres.
     """
@@ -21,16 +21,17 @@ class AbstractFrictionEffect(AbstractEffect):
     block: ClassVar[Block] = Block.MOTOR_SIDE
 
     @abc.abstractmethod
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        """Friction force (N) that opposes the motion at q (m), v (m/s), with smooth sign s."""
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
+        """g (N) at q (m) and v (m/s) of the motor side."""
 
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        return -self.force(t, signals.q1, signals.v1, signals.s1, signals), x
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
+        return Forces(grip_motor=self.grip(signals.q1, signals.v1, signals)), x
 
 
-class AsymmetricCoulomb(AbstractFrictionEffect):
+class AsymmetricCoulomb(AbstractEffect):
     """f = dFc s^2: Coulomb friction larger in one direction, none at rest; null dFc = 0."""
 
+    block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_coulomb"
     equation: ClassVar[str] = "-dFc |s|"
     size: ClassVar[str] = "1-5 N"
@@ -38,16 +39,17 @@ class AsymmetricCoulomb(AbstractFrictionEffect):
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFc: Scalar = param("N", scale=2.0, default=0.0)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.dFc * s * s
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return -self.dFc * signals.s1 * signals.s1, x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFc": 2.0}),)
 
 
-class AsymmetricViscous(AbstractFrictionEffect):
+class AsymmetricViscous(AbstractEffect):
     """f = dFv |v|: viscous friction larger in one direction; null dFv = 0."""
 
+    block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_viscous"
     equation: ClassVar[str] = "-dFv |v|"
     size: ClassVar[str] = "15-60 N s/m"
@@ -55,14 +57,14 @@ class AsymmetricViscous(AbstractFrictionEffect):
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.dFv * jnp.abs(v)
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+        return -self.dFv * jnp.abs(signals.v1), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFv": 30.0}),)
 
 
-class Stribeck(AbstractFrictionEffect):
+class Stribeck(AbstractGripEffect):
     """f = dFs exp(-(|v| / vs)^a) s: excess of friction over Coulomb near rest, dFs < 0 allowed; null dFs = 0."""
 
     name: ClassVar[str] = "stribeck"
@@ -70,18 +72,19 @@ class Stribeck(AbstractFrictionEffect):
     size: ClassVar[str] = "2-11 N, 4-30 mm/s"
     twins: ClassVar[tuple[str, ...]] = ("presliding", "quadratic_viscous")
     source: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
+    family: ClassVar[str] = "friction"
     dFs: Scalar = param("N", scale=5.0, default=0.0)
     vs: Scalar = param("m/s", scale=0.01, lower=1.5e-3, upper=0.04, default=0.015)
     a: Scalar = param("1", scale=1.0, lower=0.6, upper=2.5, default=1.5)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.dFs * jnp.exp(-power(v, self.vs, self.a)) * s
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
+        return self.dFs * jnp.exp(-power(v, self.vs, self.a))
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(Probe({"dFs": 4.0}, {"vs": vs, "a": a}) for vs, a in ((0.006, 1.0), (0.015, 1.5), (0.03, 2.0)))
 
 
-class QuadraticViscous(AbstractFrictionEffect):
+class QuadraticViscous(AbstractGripEffect):
     """f = c v_r^2 (|v| / v_r)^p s, v_r = 0.1 m/s: c v |v| for p = 2; null c = 0."""
 
     name: ClassVar[str] = "quadratic_viscous"
@@ -89,17 +92,18 @@ class QuadraticViscous(AbstractFrictionEffect):
     size: ClassVar[str] = "200-1200 N s2/m2"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "churning of lubricant, fans"
+    family: ClassVar[str] = "friction"
     c: Scalar = param("N s2/m2", scale=300.0, default=0.0)
     p: Scalar = param("1", scale=0.5, lower=1.4, upper=3.5, default=2.0)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.c * 0.01 * power(v, 0.1, self.p) * s
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
+        return self.c * 0.01 * power(v, 0.1, self.p)
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"c": 300.0}),)
 
 
-class PositionFriction(AbstractFrictionEffect):
+class PositionFriction(AbstractGripEffect):
     """f = (sum of c_n P_n(x), n = 1...4) s, Legendre polynomials of x = (q - middle) / half stroke; null c = 0."""
 
     name: ClassVar[str] = "position_friction"
@@ -118,16 +122,16 @@ class PositionFriction(AbstractFrictionEffect):
     def at(cls, bench: Bench) -> "PositionFriction":
         return cls(middle=bench.middle, half_stroke=bench.half_stroke)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         x = (q - self.middle) / self.half_stroke
         even = self.c2 * 0.5 * (3 * x**2 - 1) + self.c4 * 0.125 * (35 * x**4 - 30 * x**2 + 3)
-        return (self.c1 * x + self.c3 * 0.5 * (5 * x**3 - 3 * x) + even) * s
+        return self.c1 * x + self.c3 * 0.5 * (5 * x**3 - 3 * x) + even
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"c1": 2.0, "c2": 2.0, "c3": 2.0, "c4": 2.0}),)
 
 
-class LocalFriction(AbstractFrictionEffect):
+class LocalFriction(AbstractGripEffect):
     """f = A exp(-((q - q0) / w)^2) s: a tight or a dirty spot; null A = 0."""
 
     name: ClassVar[str] = "local_friction"
@@ -135,6 +139,7 @@ class LocalFriction(AbstractFrictionEffect):
     size: ClassVar[str] = "1-9 N, 5-30 mm"
     twins: ClassVar[tuple[str, ...]] = ("position_friction",)
     source: ClassVar[str] = "dent, chip or dry spot on a guide"
+    family: ClassVar[str] = "friction"
     A: Scalar = param("N", scale=4.0, default=0.0)
     q0: Scalar = param("m", scale=0.02, default=0.05)
     w: Scalar = param("m", scale=0.01, lower=1e-3, upper=0.035, default=0.01)
@@ -143,15 +148,15 @@ class LocalFriction(AbstractFrictionEffect):
     def at(cls, bench: Bench) -> "LocalFriction":
         return cls(q0=bench.middle)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
-        return self.A * jnp.exp(-(((q - self.q0) / self.w) ** 2)) * s
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
+        return self.A * jnp.exp(-(((q - self.q0) / self.w) ** 2))
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         places = [bench.q_low + (bench.q_high - bench.q_low) * x for x in (0.08, 0.22, 0.36, 0.5, 0.64, 0.78, 0.92)]
         return tuple(Probe({"A": 4.0}, {"q0": q0, "w": w}) for w in (0.007, 0.018) for q0 in places)
 
 
-class LeadFriction(AbstractFrictionEffect):
+class LeadFriction(AbstractGripEffect):
     """f = (a sin phi + b cos phi) s, phi = 2 pi q / lead; null a = b = 0."""
 
     name: ClassVar[str] = "lead_friction"
@@ -159,6 +164,7 @@ class LeadFriction(AbstractFrictionEffect):
     size: ClassVar[str] = "0.7-4 N"
     twins: ClassVar[tuple[str, ...]] = ("cogging",)
     source: ClassVar[str] = "run-out of the screw"
+    family: ClassVar[str] = "screw"
     a: Scalar = param("N", scale=2.0, default=0.0)
     b: Scalar = param("N", scale=2.0, default=0.0)
     lead: Scalar = setting("m", default=0.0025)
@@ -167,15 +173,15 @@ class LeadFriction(AbstractFrictionEffect):
     def at(cls, bench: Bench) -> "LeadFriction":
         return cls(lead=bench.lead)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         phi = turn(q, self.lead)
-        return (self.a * jnp.sin(phi) + self.b * jnp.cos(phi)) * s
+        return self.a * jnp.sin(phi) + self.b * jnp.cos(phi)
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"a": 2.0, "b": 2.0}),)
 
 
-class LoadDependentFriction(AbstractFrictionEffect):
+class LoadDependentFriction(AbstractGripEffect):
     """f = mu |K12 delta| s: friction that grows with the force transmitted; null mu = 0.
 
     A rigid drive has no such force of its own: the motor's force stands in for it.
@@ -187,9 +193,9 @@ class LoadDependentFriction(AbstractFrictionEffect):
     source: ClassVar[str] = "friction of the screw's flanks"
     mu: Scalar = param("1", scale=0.05, lower=-0.6, upper=0.6, default=0.0)
 
-    def force(self, t: Array, q: Array, v: Array, s: Array, signals: Signals) -> Array:
+    def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         transmitted = jnp.where(signals.stiffness == 0, signals.force, signals.coupling)
-        return self.mu * jnp.abs(transmitted) * s
+        return self.mu * jnp.abs(transmitted)
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"mu": 0.05}),)
@@ -206,6 +212,7 @@ class FrictionDrift(AbstractEffect):
     equation: ClassVar[str] = "friction x (1 + d g(t))"
     size: ClassVar[str] = "15-50 %"
     source: ClassVar[str] = "warming lubricant"
+    family: ClassVar[str] = "friction"
     twins: ClassVar[tuple[str, ...]] = ("payload_change",)
     own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
     d_coulomb: Scalar = param("1", scale=0.3, lower=-0.95, upper=3.0, default=0.0)
@@ -221,9 +228,13 @@ class FrictionDrift(AbstractEffect):
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         middle = signals.held_since + 0.5 * signals.dt  # one value per sample
         g = jnp.expm1(-(middle - self.t0) / self.T) / jnp.expm1(-self.duration / self.T)
-        motor = self.d_coulomb * signals.coulomb1 + self.d_viscous * signals.viscous1
-        load = self.d_coulomb * signals.coulomb2 + self.d_viscous * signals.viscous2
-        return Forces(motor=-g * motor, load=-g * load), x
+        coulomb, viscous = g * self.d_coulomb, g * self.d_viscous
+        return Forces(
+            motor=-viscous * signals.viscous1,
+            load=-viscous * signals.viscous2,
+            grip_motor=coulomb * signals.level1,
+            grip_load=coulomb * signals.level2,
+        ), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(Probe({"d_coulomb": 0.2, "d_viscous": 0.2}, {"T": T}) for T in (2.0, 20.0))
@@ -241,6 +252,7 @@ class Presliding(AbstractEffect):
     size: ClassVar[str] = "z_s 60-600 um"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
+    family: ClassVar[str] = "friction"
     share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
     z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
     sigma1: Scalar = param("N s/m", scale=100.0, lower=-200.0, upper=600.0, default=0.0)
@@ -248,12 +260,12 @@ class Presliding(AbstractEffect):
     def init(self, signals: Signals) -> Any:
         return 0.0 * signals.q1 + signals.s1
 
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
         bend = jnp.maximum(self.z_s, 0.5 * jnp.abs(signals.v1) * signals.dt)
         rate = (signals.v1 - jnp.abs(signals.v1) * x) / bend
         bristle = signals.level1 * x + self.sigma1 * self.z_s * rate
-        return -self.share * (bristle - signals.coulomb1), rate
+        return Forces(motor=-self.share * bristle, grip_motor=-self.share * signals.level1), rate
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(

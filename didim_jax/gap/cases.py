@@ -4,7 +4,6 @@ import dataclasses
 import json
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.io
@@ -86,7 +85,7 @@ def diagnose_case(
     out: Path,
     *,
     exclude: Collection[str] = (),
-    devices: Sequence[Any] = (None,),
+    threads: int = 1,
     say: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """Read a case, diagnose it and write the prediction to `out`/prediction.json before the check record is opened.
@@ -111,6 +110,6 @@ def diagnose_case(
         outline=None if case.check is None else outline(case.check, machine),
         open_check=None if case.check is None else open_check,
         exclude=exclude,
-        devices=devices,
+        threads=threads,
         say=say,
     )

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -38,19 +37,19 @@ def diagnose(
     outline: Recording | None = None,
     open_check: Callable[[float], Recording] | None = None,
     exclude: Collection[str] = (),
-    devices: Sequence[Any] = (None,),
+    threads: int = 1,
     say: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """Diagnose one machine from records of it.
 
     `outline` is the check record with nothing measured in it; `open_check` is called once, with the predicted gap,
-    after everything else is decided, and returns the record that is then judged. `devices`: where refits may run side
-    by side. Raises InputError: a record that cannot be used.
+    after everything else is decided, and returns the record that is then judged. `threads`: refits that run side by
+    side. Raises InputError: a record that cannot be used.
     """
     remarks = [f"{r.label}: {f.message}" for r in recordings for f in admit(r, machine)]
     read = read_off(recordings, machine, exclude)
     quiet = [read.quiet(r, k) for k, r in enumerate(recordings)]
-    searcher = Searcher([[prepare(r, machine, catalogue, device) for r in quiet] for device in devices])
+    searcher = Searcher([prepare(r, machine, catalogue) for r in quiet], threads)
     left_out = {*CONTROLLER, *INVISIBLE, GRID, *exclude, *((PULSES,) if any(read.pulses) else ())}
     searched = [e for e in searcher.model.effects if e.label() not in left_out]
 
@@ -62,7 +61,7 @@ def diagnose(
 
     record = searcher.records[0]
     bench = dataclasses.replace(record.bench, grid=read.grid)
-    before, after = _simulated(recordings[0], quiet[0], machine, catalogue, record.bench, bench, found, devices[0])
+    before, after = _simulated(recordings[0], quiet[0], machine, catalogue, record.bench, bench, found)
     floor = rms_floor(record, read, q.structured, relative(record, found.last.outputs[0]))
     rms = record.channels[0].rms
     gaps = {"fit": Gap(relative(record, before), relative(record, after), floor / rms)}
@@ -76,9 +75,9 @@ def diagnose(
         say("check record")
         checked = open_check(predicted)
         remarks += [f"{checked.label}: {f.message}" for f in admit(checked, machine)]
-        plain = second = prepare(checked, machine, catalogue, devices[0], record.bench)
+        plain = second = prepare(checked, machine, catalogue, record.bench)
         if GRID in verdict.effects:
-            second = prepare(checked, machine, catalogue, devices[0], bench)
+            second = prepare(checked, machine, catalogue, bench)
         was = judge(plain, nominal.xs[0], (), rms_of(record, nominal)).outputs
         moved: dict[str, float] = {}
         now, last = was, None
@@ -133,14 +132,13 @@ def _simulated(
     plain: Bench,
     bench: Bench,
     found: Found,
-    device: Any,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The first record without any effect, and with all of them: those read off it too."""
     before, after = found.nominal.outputs[0], found.last.outputs[0]
     if quiet is not recording:
-        before = prepare(recording, machine, catalogue, device, plain).model.run(found.nominal.xs[0])
+        before = prepare(recording, machine, catalogue, plain).model.run(found.nominal.xs[0])
     if bench.grid:
-        after = prepare(quiet, machine, catalogue, device, bench).model.run(found.last.xs[0])
+        after = prepare(quiet, machine, catalogue, bench).model.run(found.last.xs[0])
     return before, after
 
 

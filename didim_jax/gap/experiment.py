@@ -63,7 +63,7 @@ def _signatures(
     machine, dt = record.machine, record.machine.controller.sample_time
     t = dt * np.arange(len(item.qg))
     planned = Recording(t=t, qg=item.qg, qm=item.qg, vir=np.zeros(len(t)), gain=machine.drive.gain, name=item.what)
-    ahead = prepare(planned, machine, catalogue, None, record.bench)
+    ahead = prepare(planned, machine, catalogue, record.bench)
     model, start = ahead.model, ahead.model.of("start")
     out = []
     for fit in group:

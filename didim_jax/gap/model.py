@@ -1,7 +1,9 @@
-"""One compiled closed loop with the whole catalogue in it, every effect at its null: choosing an effect is a mask.
+"""One closed loop with the whole catalogue in it, every effect at its null: choosing an effect is a mask.
 
 Everything that a machine or a record decides (gains, limits, ranges, excitation) is traced, so that many cases of one
-length compile once.
+length compile once. Effects at their null add nothing and would take most of the time, so that a program holds only
+what it needs: one effect beside the plant; or, where there are several, their families and all that cost next to
+nothing, so that few combinations compile anew.
 """
 
 import dataclasses
@@ -9,7 +11,6 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,11 +21,14 @@ from ..effects import AbstractEffect
 from ..params import Parameter, pack, parameters, unpack
 from ..plant import AbstractPlant
 from ..simulate import Excitation, SampledLoop, Start, simulate
-from ..solver import Unrolled
+from ..sliding import Sliding
 
-SOLVER = Unrolled(dfx.Bosh3())
-SUBSTEPS = 2
-"""Two short steps a sample: a sign as sharp as 0.1 mm/s is stiff, and must stay stable at rest."""
+SOLVER = Sliding()
+SUBSTEPS = 4
+"""Real friction holds at rest: a nominal plant that creeps there would call every dwell a gap."""
+
+ALWAYS = frozenset({"coupling_damping"})
+"""Effects that every machine has a little of: they count in no combination."""
 
 WIDTH = 20
 """Columns of a Jacobian that are computed together; more take several turns, so that nothing compiles twice."""
@@ -100,11 +104,6 @@ def _run(traced: _Traced, x: Array) -> Array:
 
 
 @eqx.filter_jit
-def _batch(traced: _Traced, xs: Array) -> Array:
-    return jax.vmap(traced.outputs)(xs)
-
-
-@eqx.filter_jit
 def _columns(traced: _Traced, x: Array, basis: Array) -> tuple[Array, Array]:
     def along(direction: Array) -> tuple[Array, Array]:
         return jax.jvp(traced.outputs, (x,), (direction,))
@@ -125,21 +124,13 @@ class Model:
         loop: SampledLoop,
         excitation: Excitation,
         start: Start,
-        device: Any = None,
     ) -> None:
         effects = loop.chain.effects
         self.effects = effects
         self.entries = tuple(_entries(loop, effects, start))
         self.names = [f"{e.owner}.{e.name}" if e.owner else e.name for e in self.entries]
-        traced = _Traced(
-            loop,
-            excitation,
-            start,
-            jnp.asarray([e.null for e in self.entries]),
-            jnp.asarray([e.scale for e in self.entries]),
-            jnp.asarray([e.logarithmic for e in self.entries]),
-        )
-        self._traced = jax.device_put(traced, device) if device is not None else traced
+        self._loop, self._excitation, self._start = loop, excitation, start
+        self._programs: dict[frozenset[str], _Program] = {}
         self.dt = float(excitation.dt)
         self.n = int(excitation.qg.shape[0])
 
@@ -175,36 +166,74 @@ class Model:
 
     def run(self, x: np.ndarray) -> np.ndarray:
         """(2, n): commanded force (N) and q2 - qm (m)."""
-        return np.asarray(_run(self._traced, jnp.asarray(x, dtype=float)))
+        x = np.asarray(x, dtype=float)
+        program = self._program(x != 0)
+        return np.asarray(_run(program.traced, program.part(x)))
 
-    def batch(self, xs: np.ndarray, width: int = 32) -> np.ndarray:
-        """(len(xs), 2, n): many runs, `width` at once."""
-        out = []
-        for k in range(0, len(xs), width):
-            part = np.asarray(xs[k : k + width], dtype=float)
-            padded = np.concatenate([part, np.repeat(part[-1:], width - len(part), axis=0)])
-            out.append(np.asarray(_batch(self._traced, jnp.asarray(padded)))[: len(part)])
-        return np.concatenate(out) if out else np.zeros((0, 2, self.n))
+    def batch(self, xs: np.ndarray) -> np.ndarray:
+        """(len(xs), 2, n): a run at each x."""
+        return np.array([self.run(x) for x in xs]).reshape(-1, 2, self.n)
 
     def columns(self, x: np.ndarray, chosen: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """The run at x, (2, n), and its exact derivative by the chosen entries of x, (len(chosen), 2, n)."""
         x = np.asarray(x, dtype=float)
+        moved = x != 0
+        moved[list(chosen)] = True
+        program = self._program(moved)
         value, parts = np.zeros((2, self.n)), []
         for k in range(0, len(chosen), WIDTH):
             part = list(chosen[k : k + WIDTH])
             basis = np.zeros((WIDTH, len(x)))
             basis[np.arange(len(part)), part] = 1.0
-            first, tangents = _columns(self._traced, jnp.asarray(x), jnp.asarray(basis))
+            first, tangents = _columns(program.traced, program.part(x), program.part(basis))
             value = np.asarray(first)
             parts.append(np.asarray(tangents)[: len(part)])
         return value, np.concatenate(parts) if parts else np.zeros((0, 2, self.n))
+
+    def _program(self, moved: np.ndarray) -> "_Program":
+        """The program of the effects that own an entry of x which is not at its null or may move, (len(x),) of bool."""
+        present = {self.entries[i].owner for i in np.flatnonzero(moved)} - {"", "start"}
+        kept = ALWAYS | present
+        if len(present - ALWAYS) > 1:
+            families = {effect.family for effect in self.effects if effect.label() in present} | {""}
+            kept |= {effect.label() for effect in self.effects if effect.family in families}
+        if kept not in self._programs:
+            self._programs[kept] = self._reduced(kept)
+        return self._programs[kept]
+
+    def _reduced(self, kept: frozenset[str]) -> "_Program":
+        effects = tuple(effect for effect in self.effects if effect.label() in kept)
+        loop = eqx.tree_at(lambda a: a.chain.effects, self._loop, effects)
+        places = np.array([i for i, e in enumerate(self.entries) if e.owner in kept or e.owner in ("", "start")])
+        entries = [self.entries[i] for i in places]
+        traced = _Traced(
+            loop,
+            self._excitation,
+            self._start,
+            jnp.asarray([e.null for e in entries]),
+            jnp.asarray([e.scale for e in entries]),
+            jnp.asarray([e.logarithmic for e in entries]),
+        )
+        return _Program(traced, places)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Program:
+    """A loop with some of the effects in it, and where its entries lie in the whole x."""
+
+    traced: _Traced
+    places: np.ndarray
+
+    def part(self, x: np.ndarray) -> Array:
+        """Its entries of x, along the last axis."""
+        return jnp.asarray(x[..., self.places])
 
 
 def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start) -> list[Entry]:
     plant = loop.chain.plant
     found = [_entry("", p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
     found = [dataclasses.replace(e, null=0.0, lower=-np.inf, upper=np.inf) for e in found]
-    found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-4, 2e-2, logarithmic=True))
+    found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-6, 2e-2, logarithmic=True))
     for effect in effects:
         values = pack(effect).tolist()
         found += [_entry(effect.label(), p, v) for p, v in zip(parameters(effect), values, strict=True)]

@@ -45,7 +45,7 @@ def predict(
     if outline.injected is not None and fitted.injected is not None:
         volts = injected_scale(fitted, machine) * outline.injected
         outline = dataclasses.replace(outline, injected=volts, vir=volts)
-    ahead = prepare(outline, machine, catalogue, None, record.bench)
+    ahead = prepare(outline, machine, catalogue, record.bench)
     x = np.array(found.last.xs[0])
     x[ahead.model.of("start")] = 0.0
     # Without its qm the record's initial state is not known: what the guess stirs up has died down by then.

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -77,7 +76,6 @@ def prepare(
     recording: Recording,
     machine: Machine,
     catalogue: Sequence[type[AbstractEffect]],
-    device: Any = None,
     bench: Bench | None = None,
 ) -> Prepared:
     """Make a record ready. `bench` of another record of the machine keeps the effects' settings (ranges) the same."""
@@ -95,7 +93,7 @@ def prepare(
         )
     effects = tuple(effect.at(bench) for effect in catalogue)
     loop = sampled_loop(machine, nominal(machine.model), effects, SUBSTEPS, SOLVER)
-    model = Model(loop, excitation(recording, machine), first_state(recording, machine, loop), device)
+    model = Model(loop, excitation(recording, machine), first_state(recording, machine, loop))
     # Odd reflection, as the gap is defined: it holds the fit to the first sample, where an even one averages it away.
     decimation = Decimation(LowPass.butterworth(CUTOFF_HZ, dt), max(1, int(0.5 / (CUTOFF_HZ * dt) + 1e-9)))
     channels = [Channel("force", "N", 0, decimation(recording.tau))]

@@ -12,6 +12,7 @@ import numpy as np
 from ..effects import AbstractEffect, Probe
 from ..signals import LowPass
 from .fit import Fit, Problem
+from .model import ALWAYS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,14 +44,14 @@ def score(problem: Problem, fit: Fit, effects: Sequence[AbstractEffect]) -> list
         for effect, probe in trials
         for name, size in probe.sizes.items()
     ]
-    outputs = [
-        p.model.batch(np.array([model.encode(x, values) for *_, values in columns]))
-        for p, x in zip(problem.records, fit.xs, strict=True)
-    ]
-    rows = [
-        [p.filtered(out - base, c) for c in p.channels]
-        for p, out, base in zip(problem.records, outputs, fit.outputs, strict=True)
-    ]
+    # Beside others an effect does nearly the same as alone, and alone it runs in a small program of its own.
+    beside = [i for i in range(len(model.entries)) if model.entries[i].owner not in {"", "start", *ALWAYS}]
+    rows = []
+    for p, x in zip(problem.records, fit.xs, strict=True):
+        alone = np.array(x)
+        alone[beside] = 0.0
+        out = p.model.batch(np.array([alone, *(model.encode(alone, values) for *_, values in columns)]))
+        rows.append([p.filtered(out[1:] - out[0], c) for c in p.channels])
     signatures = problem.whitened(rows)
     signatures[~np.isfinite(signatures)] = 0.0
     residual = problem.whitened(fit.residuals)

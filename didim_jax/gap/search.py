@@ -38,20 +38,24 @@ class Step:
     refits: tuple[Refit, ...]
 
 
-class Searcher:
-    """Records of one machine on every device there is: the same problem, so that refits run side by side."""
+SHARPNESS = (3e-6, 3e-5)
+"""Smoothing speeds (m/s) of friction's sign that the nominal fit tries besides its own."""
 
-    def __init__(self, replicas: Sequence[Sequence[Prepared]]) -> None:
-        self.replicas = [tuple(records) for records in replicas]
-        self.records = self.replicas[0]
+
+class Searcher:
+    """Records of one machine, how their residuals are weighed, and how many refits run side by side."""
+
+    def __init__(self, records: Sequence[Prepared], threads: int = 1) -> None:
+        self.records = tuple(records)
+        self.threads = threads
         self.model = self.records[0].model
         self.whitening: list[list[Whitening]] = [
             [Whitening.flat(len(c.observed), 0.02 * c.rms) for c in p.channels] for p in self.records
         ]
 
-    def problem(self, replica: int = 0, mask: Sequence[np.ndarray] | None = None) -> Problem:
-        """The least-squares problem on one device."""
-        return Problem(self.replicas[replica], self.whitening, mask=mask)
+    def problem(self, mask: Sequence[np.ndarray] | None = None) -> Problem:
+        """The least-squares problem as it is weighed now."""
+        return Problem(self.records, self.whitening, mask=mask)
 
     def weigh(self, fit: Fit) -> None:
         """Let every channel weigh by what this fit leaves of it."""
@@ -61,21 +65,12 @@ class Searcher:
         ]
 
     def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
-        """Work on the items, one thread per device; results in the order of the items."""
-        items = list(items)
-        if len(self.replicas) == 1:
-            return [work(self.problem(), item) for item in items]
-        free = list(range(len(self.replicas)))
-
-        def one(item: A) -> B:
-            replica = free.pop()
-            try:
-                return work(self.problem(replica), item)
-            finally:
-                free.append(replica)
-
-        with ThreadPoolExecutor(len(self.replicas)) as pool:
-            return list(pool.map(one, items))
+        """Work on the items side by side; results in their order."""
+        problem = self.problem()
+        if self.threads == 1:
+            return [work(problem, item) for item in items]
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(lambda item: work(problem, item), items))
 
     @property
     def base(self) -> list[int]:
@@ -99,11 +94,22 @@ class Searcher:
         if not np.isfinite(costs).any():
             raise InputError(f"{p.recording.label}: no drive of this kind follows it; check model and units.")
         fit = self.problem().solve(starts[int(np.nanargmin(costs))], self.base, evaluations=20)
+        fit = self._sharpened(fit)
         self.weigh(fit)
         fit = self.problem().solve(fit.xs, self.base, evaluations=12)
         if not fit.ok:
             raise InputError(f"{p.recording.label}: the fit of the nominal drive diverged; check model and units.")
         return fit
+
+    def _sharpened(self, fit: Fit) -> Fit:
+        """The fit from the best of several smoothing speeds: far from the right one it shows no slope."""
+        problem, model = self.problem(), self.model
+        found = [fit]
+        for v_eps in SHARPNESS:
+            xs = [model.encode(x, {"v_eps": v_eps}) for x in fit.xs]
+            found.append(problem.solve(xs, self.base, evaluations=3))
+        best = min((f for f in found if f.ok), key=lambda f: f.cost, default=fit)
+        return best if best is fit else problem.solve(best.xs, self.base, evaluations=12)
 
     def _starts(self) -> list[np.ndarray]:
         model, rigid = self.model, self.records[0].rigid

@@ -3,6 +3,7 @@
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 from jax import Array
 
 from .._types import Scalar
@@ -20,7 +21,7 @@ class Axis(eqx.Module):
 class AbstractPlant(eqx.Module):
     """A drive in SI units on the load axis: motor side 1, load side 2, forces positive along q.
 
-    The state is a vector: (q1, v1) of the motor side, then whatever the plant adds.
+    The state is a vector of pairs, a position and its velocity: (q1, v1) of the motor side, then what the plant adds.
     """
 
     model: eqx.AbstractClassVar[str]
@@ -60,6 +61,14 @@ class AbstractPlant(eqx.Module):
         """Deflection of the coupling (m) and its stiffness (N/m); zeros for a plant without one."""
 
     @abc.abstractmethod
+    def masses(self, payload: Scalar = 0.0) -> tuple[Array, Array]:
+        """Mass (kg) that a force on the motor side and one on the load side accelerate; the payload is on the load."""
+
+    @abc.abstractmethod
+    def with_speeds(self, y: Array, v1: Array, v2: Array) -> Array:
+        """The state with these velocities (m/s) of the two sides; a rigid drive has that of the motor side."""
+
+    @abc.abstractmethod
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:
         """Inverse dynamic model: motor force (N), then every row that must be zero; linear in the parameters."""
 
@@ -70,3 +79,25 @@ class AbstractPlant(eqx.Module):
     @abc.abstractmethod
     def start(self, q: Scalar, v: Scalar) -> Array:
         """State with both sides at position q (m) and velocity v (m/s)."""
+
+
+class _Rolling(AbstractFriction):
+    """Another friction's viscous part alone."""
+
+    v_eps: Array
+    friction: AbstractFriction
+
+    def split(self, v: Array) -> tuple[Array, Array]:
+        return self.friction.split(v)[0], jnp.zeros_like(v)
+
+    def level(self, v: Array) -> Array:
+        return jnp.zeros_like(v)
+
+
+def without_coulomb[P: AbstractPlant](plant: P) -> P:
+    """The plant with viscous friction alone."""
+
+    def where(p: P) -> list[AbstractFriction]:
+        return [friction for friction in p.frictions() if friction is not None]
+
+    return eqx.tree_at(where, plant, [_Rolling(friction.v_eps, friction) for friction in where(plant)])

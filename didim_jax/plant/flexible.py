@@ -63,6 +63,12 @@ class FlexibleDrive(AbstractPlant):
     def elastic(self, y: Array) -> tuple[Array, Array]:
         return y[2], jnp.asarray(self.K12)
 
+    def masses(self, payload: Scalar = 0.0) -> tuple[Array, Array]:
+        return jnp.asarray(self.M1), jnp.asarray(self.M2 + payload)
+
+    def with_speeds(self, y: Array, v1: Array, v2: Array) -> Array:
+        return jnp.stack([y[0], v1, y[2], v2 - v1])
+
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:
         """Equation 2: the motor's row, and the load's, which must be zero."""
         F12 = self.K12 * (load.q - motor.q)

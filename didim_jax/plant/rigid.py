@@ -54,6 +54,12 @@ class RigidDrive(AbstractPlant):
     def elastic(self, y: Array) -> tuple[Array, Array]:
         return jnp.zeros_like(y[0]), jnp.zeros_like(y[0])
 
+    def masses(self, payload: Scalar = 0.0) -> tuple[Array, Array]:
+        return jnp.asarray(self.M + payload), jnp.asarray(self.M + payload)
+
+    def with_speeds(self, y: Array, v1: Array, v2: Array) -> Array:
+        return jnp.stack([y[0], v1])
+
     def inverse(self, motor: Axis, load: Axis) -> tuple[Array, ...]:
         """Equation 6."""
         return (self.M * motor.a + self.friction(motor.v) + self.offset,)

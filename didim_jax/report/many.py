@@ -1,11 +1,8 @@
-"""Many cases, compiled once: each in a folder of its own, side by side on the devices there are."""
+"""Many cases, compiled once: each in a folder of its own, some of them side by side."""
 
-import contextlib
-import queue
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from ..effects import AbstractEffect
 from ..errors import InputError
@@ -19,43 +16,34 @@ def diagnose_cases(
     catalogue: Sequence[type[AbstractEffect]],
     out: Path,
     *,
-    exclude: Collection[str],
-    devices: Sequence[Any],
+    exclude: Collection[str] | Mapping[str, Collection[str]],
+    threads: int,
     done: Callable[[Case, str], None],
 ) -> list[str]:
-    """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned."""
-    free: queue.Queue[Any] = queue.Queue()
-    for device in devices:
-        free.put(device)
+    """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned.
+
+    `exclude` are the effects left out of the catalogue, of every case or by the case's name.
+    """
 
     def one(case: Case) -> str | None:
         folder = out / case.name
-        with _borrowed(free) as device:
-            try:
-                diagnosis = diagnose_case(case, catalogue, folder, exclude=exclude, devices=[device])
-                write_diagnosis(diagnosis, folder)
-            except Exception as error:  # whatever goes wrong with one case, the others go on
-                said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                said = " ".join(said.split())
-                folder.mkdir(parents=True, exist_ok=True)
-                for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
-                    (folder / stale).unlink(missing_ok=True)
-                with atomic_write(folder / "error.txt") as path:
-                    path.write_text(f"{said}\n", encoding="utf-8")
-                done(case, f"unusable: {said}")
-                return case.name
+        without = exclude[case.name] if isinstance(exclude, Mapping) else exclude
+        try:
+            diagnosis = diagnose_case(case, catalogue, folder, exclude=without)
+            write_diagnosis(diagnosis, folder)
+        except Exception as error:  # whatever goes wrong with one case, the others go on
+            said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            said = " ".join(said.split())
+            folder.mkdir(parents=True, exist_ok=True)
+            for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+                (folder / stale).unlink(missing_ok=True)
+            with atomic_write(folder / "error.txt") as path:
+                path.write_text(f"{said}\n", encoding="utf-8")
+            done(case, f"unusable: {said}")
+            return case.name
         (folder / "error.txt").unlink(missing_ok=True)
         done(case, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}")
         return None
 
-    with ThreadPoolExecutor(len(devices)) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         return [name for name in pool.map(one, cases) if name is not None]
-
-
-@contextlib.contextmanager
-def _borrowed(free: queue.Queue[Any]) -> Iterator[Any]:
-    device = free.get()
-    try:
-        yield device
-    finally:
-        free.put(device)
