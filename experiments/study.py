@@ -84,7 +84,7 @@ def _describe(out: Path, name: str, table: dict[str, Any], quick: bool) -> None:
         "study": name,
         "quick": quick,
         "config": table,
-        "commit": _commit(),
+        "commit": commit(),
         "python": platform.python_version(),
         "packages": versions,
         "cores": os.cpu_count(),
@@ -92,15 +92,15 @@ def _describe(out: Path, name: str, table: dict[str, Any], quick: bool) -> None:
     write_json(out / "run.json", provenance)
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """Commit of the checkout, with a plus where it was changed since; None outside one."""
     try:
         here = {"cwd": ROOT, "capture_output": True, "text": True, "check": True}
-        commit = subprocess.run(["git", "rev-parse", "HEAD"], **here).stdout.strip()  # type: ignore[call-overload]
+        head = subprocess.run(["git", "rev-parse", "HEAD"], **here).stdout.strip()  # type: ignore[call-overload]
         changed = subprocess.run(["git", "status", "--porcelain"], **here).stdout.strip()  # type: ignore[call-overload]
     except (OSError, subprocess.CalledProcessError):
         return None
-    return commit + ("+" if changed else "")
+    return head + ("+" if changed else "")
 
 
 def write_json(path: Path, value: Any) -> None:

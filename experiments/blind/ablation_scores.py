@@ -1,0 +1,74 @@
+"""Answers of the ablations, judged by the rules of the study, on the cases whose truth blind.json holds."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .intervals import bootstrap, rate
+from .judge import agreement
+
+WORDS = {
+    "complete": "complete diagnosis",
+    "no_projection": "nuisances not projected out",
+    "no_numerics": "numerical nuisances held",
+    "no_whitening": "white noise instead of whitening",
+    "force_only": "motor force only",
+    "didim_jacobian": "DIDIM's Jacobian, not the exact one",
+    "fit_only": "every gain on the fit adopted",
+}
+"""Ablation to what is different in it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ablated:
+    """One variant: how many are right, false alarms where there is nothing, points behind the complete diagnosis."""
+
+    name: str
+    right: Mapping[str, Any]
+    alarms: Mapping[str, Any]
+    behind: float | None
+    interval: tuple[float, float] | None
+    seconds: float | None
+    errors: int
+
+    @property
+    def words(self) -> str:
+        """What is different in it."""
+        return WORDS.get(self.name, self.name)
+
+
+def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) -> list[Ablated]:
+    """Every variant that ran, the complete one first; an error is a wrong answer."""
+    rows = {row["case"]: row for row in score["rows"]}
+    right = {
+        name: {case: _accepted(rows[case], said) for case, said in sorted(cases.items()) if case in rows}
+        for name, cases in answers.items()
+    }
+    complete = right.get("complete", {})
+    out = []
+    for name in [n for n in WORDS if n in answers] + [n for n in answers if n not in WORDS]:
+        both = [case for case in right[name] if case in complete]
+        behind = [float(complete[case]) - float(right[name][case]) for case in both]
+        judged = {case: answers[name][case] for case in right[name]}
+        quiet = [said for case, said in judged.items() if rows[case]["stratum"] in ("none", "numerics")]
+        seconds = [said["seconds"] for said in judged.values() if "seconds" in said]
+        out.append(
+            Ablated(
+                name,
+                rate([*right[name].values()]).as_json(),
+                rate([said.get("verdict", "none") != "none" for said in quiet]).as_json(),
+                float(np.mean(behind)) if behind and name != "complete" else None,
+                bootstrap(behind, np.mean) if name != "complete" else None,
+                float(np.median(seconds)) if seconds else None,
+                sum("error" in said for said in judged.values()),
+            )
+        )
+    return out
+
+
+def _accepted(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+    if "error" in said:
+        return False
+    return agreement(row["target"], said["verdict"], said["effects"], said.get("ambiguous_with") or [])[1]

@@ -1,0 +1,271 @@
+"""The constants that turn evidence into probabilities and abstention, fitted on an open study; nothing is changed.
+
+Only what was said already is weighed anew: `evidence` of every diagnosis.json goes through `didim_jax.gap.decide` with
+other constants, no diagnosis is run again. The constants are the upper-case numbers of that module (all but those that
+steer the search itself), and three factors on its slopes: on that of `none` exactly, on `other` and `unknown` as on
+the log-odds of what they return. What is maximised is the log probability given to what was true, under a prior that
+holds every constant to within a factor of e of its present value. TWIN has no say in that: it is set so that the truth
+is in the group that is named, and a group is named no more often than needed.
+
+It is judged on other effects than it was fitted on (folds by effect): log score, Brier score, calibration error, how
+often an effect of the catalogue is left unexplained, and how often one of no catalogue is not.
+
+An open study is one whose cases were never sealed: cases, answers, and the diagnoses of `didim diagnose --cases`. One
+that was sealed gave figures by being opened for the first time, and constants fitted on it would make them worthless:
+it is refused, unless `--open` gives those figures up. `calibrated.json` then stays in its folder and says so.
+
+References: A. Niculescu-Mizil, R. Caruana, *Predicting good probabilities with supervised learning*, ICML 2005.
+"""
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+
+from didim_jax.errors import InputError
+from didim_jax.gap import decide
+from didim_jax.gap.verdict import FOREIGN
+
+from ..study import write_json
+from .judge import NONE, Row, blank_row, judge
+from .layout import ANSWERS, DIAGNOSES, LEDGER, OPENED, SEALS, case_names, read_json
+from .summary import calibration, mean
+
+CALIBRATED = "calibrated.json"
+
+SLOPES = ("none slope", "other slope", "unknown slope")
+"""Factors on the slopes of those three functions; 1 leaves them."""
+
+_HELD = ("RELEVANT",)  # steers the search: another value needs other diagnoses
+_TWIN = "TWIN"
+_FOLDS = 5
+_EVALUATIONS = 160
+_FEWEST = 20
+_LEAST = 1e-4  # probability given to the truth: a single surprise must not decide
+_NEEDLESS = 0.25  # of a wrong answer, what a group costs whose first name alone was right
+
+
+type Constants = Mapping[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """One diagnosis and its answer; effects `read` off the record, `adopted` by the search, `first` of its first step.
+
+    `foreign`: most of the force is left, so that the record is not this machine's.
+    """
+
+    blank: Row
+    document: Mapping[str, Any]
+    read: tuple[str, ...]
+    adopted: tuple[str, ...]
+    foreign: bool
+
+    @classmethod
+    def of(cls, blank: Row, document: Mapping[str, Any]) -> "Seen":
+        """From diagnosis.json: what no step of the search lists as found was read off."""
+        adopted = tuple(name for stage in document["evidence"]["stages"] for name in stage["effects"])
+        effects = tuple(document["effects"])
+        read = tuple(name for name in effects if name not in adopted)
+        return cls(blank, document, read, adopted, document["gap"]["fit"]["after"] > FOREIGN)
+
+    @property
+    def fold(self) -> str:
+        """What is kept together: an effect's cases; each case without one on its own."""
+        return "+".join(self.blank.truth) if self.blank.target != NONE else self.blank.case
+
+    def step(self, k: int, effect: str | None) -> decide.Evidence:
+        """Evidence of a step, without what fitted better than the effect adopted in it and did not gain elsewhere."""
+        steps = self.document["evidence"]["steps"]
+        if k >= len(steps):
+            return decide.Evidence((), np.zeros(0), np.zeros(0), 1.0, 1)
+        one = steps[k]
+        names = list(one["effects"])
+        at = names.index(effect) if effect in names else 0
+        energy, count = (np.array(one[key][at:], dtype=float) for key in ("energy", "parameters"))
+        return decide.Evidence(tuple(names[at:]), energy, count, one["before"], one["rows"])
+
+
+def present() -> dict[str, float]:
+    """The constants as they are."""
+    named = {k: v for k, v in vars(decide).items() if k.isupper() and isinstance(v, float) and k not in _HELD}
+    return named | dict.fromkeys(SLOPES, 1.0)
+
+
+@contextlib.contextmanager
+def with_constants(constants: Constants) -> Iterator[None]:
+    """`decide` with these constants; put back at the end."""
+    old = {name: vars(decide)[name] for name in constants if name not in SLOPES}
+    try:
+        for name in old:
+            setattr(decide, name, constants[name])
+        yield
+    finally:
+        for name, value in old.items():
+            setattr(decide, name, value)
+
+
+def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
+    """Verdict, effects, groups and ranking as `gap.verdict` draws them; `decide` has the constants already."""
+    e = seen.document["evidence"]
+    effects = (*seen.read, *seen.adopted)
+    law = e["law_left"]
+    if effects:
+        other = _steeper(decide.other(e["left"], e["structured"], law), constants[SLOPES[1]])
+    else:
+        other = _steeper(decide.unknown(e["structured"], law), constants[SLOPES[2]])
+    other = 1.0 if seen.foreign else other
+    if seen.read:
+        ranking = decide.settled(seen.read[0], other)
+    else:
+        none = _steeper(decide.none(e["gain"]), constants[SLOPES[0]])
+        none, shared = (none, other * (1 - none)) if effects else (none * (1 - other), other)
+        ranking = decide.probabilities(seen.step(0, seen.adopted[0] if seen.adopted else None), none, shared)
+    verdict: dict[str, Any] = {"effects": effects, "ambiguous_with": [], "ranking": ranking}
+    if other > 0.5:
+        return verdict | {"verdict": "unexplained"}
+    if not effects:
+        return verdict | {"verdict": "none"}
+    groups = []
+    for k, name in enumerate(seen.adopted):
+        evidence = seen.step(k, name)
+        if name in evidence.effects and (group := decide.twins(evidence, name, effects)):
+            groups.append(group)
+    return verdict | {"verdict": "ambiguous" if groups else "effect", "ambiguous_with": groups}
+
+
+def _steeper(p: float, factor: float) -> float:
+    """The same probability with its log-odds times a factor."""
+    p = float(np.clip(p, 1e-15, 1 - 1e-15))
+    return decide.logistic(factor * float(np.log(p / (1 - p))))
+
+
+def rows(cases: Sequence[Seen], constants: Constants) -> list[Row]:
+    """Every case concluded with these constants, and judged."""
+    with with_constants(constants):
+        return [judge(seen.blank, concluded(seen, constants)) for seen in cases]
+
+
+def log_score(judged: Sequence[Row]) -> float:
+    """Mean log probability that was given to what is true."""
+    given = (sum(r.ranking.get(name, 0.0) for name in r.target) for r in judged)
+    return float(np.mean([np.log(max(p, _LEAST)) for p in given]))
+
+
+def fitted(cases: Sequence[Seen], start: Constants | None = None) -> dict[str, float]:
+    """The constants that maximise the log score under the prior, then TWIN."""
+    start = present() if start is None else start
+    names = [name for name in start if name != _TWIN]
+    weigh = [seen for seen in cases if len(seen.blank.target) == 1]
+
+    def constants(z: np.ndarray) -> dict[str, float]:
+        return dict(start) | {name: float(start[name] * np.exp(x)) for name, x in zip(names, z, strict=True)}
+
+    def cost(z: np.ndarray) -> float:
+        return -log_score(rows(weigh, constants(z))) + 0.5 * float(z @ z) / len(weigh)
+
+    simplex = np.vstack([np.zeros(len(names)), 0.4 * np.eye(len(names))])
+    options = {"initial_simplex": simplex, "maxfev": _EVALUATIONS, "xatol": 1e-2, "fatol": 1e-5}
+    best = constants(scipy.optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options).x)
+    if _TWIN not in start:
+        return best
+    tried = sorted({start[_TWIN], 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0})
+
+    def worth(width: float) -> float:
+        return _grouped(rows(cases, best | {_TWIN: width})) - 0.5 * np.log(width / start[_TWIN]) ** 2 / len(cases)
+
+    return best | {_TWIN: max(tried, key=worth)}
+
+
+def _grouped(judged: Sequence[Row]) -> float:
+    """Accepted, less what needless groups cost."""
+    needless = [r.verdict == "ambiguous" and r.exact for r in judged]
+    return float(np.mean([r.accepted for r in judged]) - _NEEDLESS * np.mean(needless))
+
+
+def cross_validated(cases: Sequence[Seen], folds: int = _FOLDS) -> list[Row]:
+    """Every case judged with constants that were fitted without its effect."""
+    kinds = sorted({seen.fold for seen in cases})
+    out = []
+    for fold in range(folds):
+        held = {kind for k, kind in enumerate(kinds) if k % folds == fold}
+        judging = [seen for seen in cases if seen.fold in held]
+        if judging:
+            out += rows(judging, fitted([seen for seen in cases if seen.fold not in held]))
+    return out
+
+
+def figures(judged: Sequence[Row]) -> dict[str, Any]:
+    """What is compared: scores, and how often each kind of case is abstained from."""
+    single = [r for r in judged if r.kind != "several"]
+    found = calibration(single)
+    return {
+        "cases": len(judged),
+        "log_score": log_score(single),
+        "brier": found["brier"],
+        "expected_calibration_error": found["expected_calibration_error"],
+        "accepted": mean([float(r.accepted) for r in judged]),
+        "exact": mean([float(r.exact) for r in judged]),
+        "ambiguous": mean([float(r.verdict == "ambiguous") for r in judged]),
+        "falsely_unexplained": mean([float(r.verdict == "unexplained") for r in judged if r.inside]),
+        "outside_unexplained": mean([float(r.verdict == "unexplained") for r in judged if r.kind == "outside"]),
+        "false_alarm": mean([float(r.verdict != "none") for r in judged if r.kind == "none"]),
+    }
+
+
+def calibrate(study: Path, given_up: bool = False) -> dict[str, Any]:
+    """Fit, cross-validate, and write calibrated.json. Raises InputError: not open, or too few diagnoses."""
+    cases = read_cases(study, given_up)
+    if len(cases) < _FEWEST:
+        raise InputError(f"{study}: {len(cases)} usable diagnoses; at least {_FEWEST} are needed to fit anything.")
+    document = {
+        "note": "Constants were fitted on these answers: no figure of this study is a blind one any more.",
+        "now": present(),
+        "suggested": fitted(cases),
+        "figures": {
+            "now": figures(rows(cases, present())),
+            "cross_validated": figures(cross_validated(cases)),
+        },
+        "as_written": figures([judge(seen.blank, seen.document) for seen in cases]),
+    }
+    write_json(study / CALIBRATED, document)
+    return document
+
+
+def read_cases(study: Path, given_up: bool) -> list[Seen]:
+    """Answers and diagnoses of an open study; what has no diagnosis is left out. Raises InputError: it is not open."""
+    if (study / SEALS).exists() or (study / LEDGER).exists():
+        if not (study / OPENED).exists():
+            raise InputError(f"{study}: its answers are sealed; a study that is still to be opened is never fitted on.")
+        if not given_up:
+            raise InputError(
+                f"{study}: its figures come from a first opening, and fitting on it would make them worthless; "
+                "use a study that was never sealed, or give the figures up with --open."
+            )
+        answers = read_json(study / OPENED, "the answers")
+    else:
+        names = case_names(study)
+        answers = {name: read_json(study / ANSWERS / f"{name}.json", f"the answer of {name}") for name in names}
+    cases = []
+    for name in sorted(answers):
+        path = study / DIAGNOSES / name / "diagnosis.json"
+        if path.exists():
+            cases.append(Seen.of(blank_row(name, answers[name]), read_json(path, "a diagnosis")))
+    return cases
+
+
+def print_calibration(document: Mapping[str, Any]) -> None:
+    """Constants and figures, now and then."""
+    print(f"{'constant':28} {'now':>9} {'suggested':>9}")
+    for name, value in document["now"].items():
+        print(f"{name:28} {value:9.4g} {document['suggested'][name]:9.4g}")
+    now, then = document["figures"]["now"], document["figures"]["cross_validated"]
+    print(f"\n{'figure':28} {'now':>9} {'other effects':>13}")
+    for name, value in now.items():
+        shown = ("-" if x is None else f"{x:.4g}" for x in (value, then[name]))
+        print("{:28} {:>9} {:>13}".format(name, *shown))
+    print("\nNothing was changed: the constants are in didim_jax/gap/decide.py.")

@@ -1,0 +1,85 @@
+"""How far a rate or a quantile from so many cases may be trusted, and what may be claimed of it."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+_Z = 1.959963984540054  # 95 %, two-sided
+_DRAWS = 2000
+
+
+@dataclasses.dataclass(frozen=True)
+class Rate:
+    """k of n, with the 95 % interval of Wilson."""
+
+    k: int
+    n: int
+
+    @property
+    def value(self) -> float | None:
+        """The share observed; None of no cases."""
+        return self.k / self.n if self.n else None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """See `wilson`."""
+        return wilson(self.k, self.n)
+
+    def as_json(self) -> dict[str, float | int | None]:
+        """All of it, for blind.json."""
+        low, high = self.interval
+        return {"k": self.k, "n": self.n, "value": self.value, "low": low, "high": high}
+
+
+def rate(hits: Sequence[bool]) -> Rate:
+    """How many of them are true."""
+    return Rate(sum(map(bool, hits)), len(hits))
+
+
+def wilson(k: int, n: int) -> tuple[float, float]:
+    """95 % interval of a rate of which k of n were seen (Wilson, JASA 22, 1927); everything, of no cases."""
+    if n == 0:
+        return 0.0, 1.0
+    p, z2 = k / n, _Z**2
+    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
+    half = _Z / (1 + z2 / n) * float(np.sqrt(p * (1 - p) / n + z2 / (4 * n**2)))
+    return max(middle - half, 0.0) if k else 0.0, min(middle + half, 1.0) if k < n else 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """Whether the interval lies on the right side of a target (True), on the wrong one (False) or on both (None)."""
+
+    holds: bool | None
+    text: str
+
+
+def claim(k: int, n: int, target: float, at_most: bool = False) -> Claim:
+    """What k of n can bear of 'at least `target`', or of 'at most' it."""
+    sign = "≤" if at_most else "≥"
+    wish = f"{sign} {100 * target:g} %"
+    if n:
+        low, high = wilson(k, n)
+        if (high <= target) if at_most else (low >= target):
+            return Claim(True, f"{wish}: holds")
+        if (low > target) if at_most else (high < target):
+            return Claim(False, f"{wish}: does not hold")
+    needed = cases_needed(target, at_most)
+    more = "no number bears it" if needed is None else f"the fewest that bear it: {needed}, all right"
+    return Claim(None, f"{wish}: not claimable with {n} cases ({more})")
+
+
+def cases_needed(target: float, at_most: bool = False) -> int | None:
+    """The fewest cases, all of them right, that bear the claim; None: no number does."""
+    wrong = target if at_most else 1 - target
+    return int(np.ceil(_Z**2 * (1 - wrong) / wrong - 1e-9)) if wrong > 0 else None
+
+
+def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> tuple[float, float] | None:
+    """95 % percentile interval of `statistic(values, axis=-1)`; None of fewer than two values. Same draws each time."""
+    if len(values) < 2:
+        return None
+    draws = np.random.default_rng(0).integers(len(values), size=(_DRAWS, len(values)))
+    low, high = np.percentile(statistic(np.asarray(values, float)[draws], axis=-1), [2.5, 97.5])
+    return float(low), float(high)
