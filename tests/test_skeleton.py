@@ -17,7 +17,7 @@ PACKAGE = ROOT / "didim_jax"
 FLOORS = {
     0: "_types params recording formats files config errors machine hygiene benchmark signals reference devices",
     1: "effects plant control plant_file solver",
-    2: "chain simulate idm statistics rig synthesize",
+    2: "chain sliding simulate idm statistics rig synthesize",
     3: "identify",
     4: "sweep gap",
     5: "report",
