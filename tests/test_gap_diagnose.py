@@ -73,18 +73,18 @@ def diagnosed(
     check: bool = True,
     catalogue: Sequence[type[AbstractEffect]] = CATALOGUE,
     exclude: Collection[str] = (),
-    devices: Sequence[Any] = (None,),
+    threads: int = 1,
     **hidden: Any,
 ) -> Diagnosis:
     """Diagnosis of a machine with something hidden, from records of it on these paths, checked on another one."""
     fits = [record(machine, path(k), seed=10 + k, **hidden) for k in paths]
     assert abs(fits[0].qm[1] - fits[0].qm[0]) > 1e-5  # m in a millisecond: the record begins in motion
     if not check:
-        return diagnose(fits, machine, catalogue, exclude=exclude, devices=devices)
+        return diagnose(fits, machine, catalogue, exclude=exclude, threads=threads)
     last = record(machine, path(1), seed=11, **hidden)
     outline = dataclasses.replace(last, qm=last.qg, vir=0 * last.vir, ql=None)
     return diagnose(
-        fits, machine, catalogue, outline=outline, open_check=lambda _: last, exclude=exclude, devices=devices
+        fits, machine, catalogue, outline=outline, open_check=lambda _: last, exclude=exclude, threads=threads
     )
 
 
@@ -231,7 +231,7 @@ def test_two_records_of_one_machine_are_fitted_together(emps_like, sticky):
 
 def test_without_a_check_record_the_fit_is_what_is_judged(emps_like, sticky):
     """And refits side by side are the refits one after another."""
-    d = diagnosed(emps_like, check=False, devices=(None, None), rubs=sticking)
+    d = diagnosed(emps_like, check=False, threads=2, rubs=sticking)
     assert set(d.gap) == {"fit"} and len(d.runs) == 1
     assert (d.verdict, d.effects, d.parameters) == (sticky.verdict, sticky.effects, sticky.parameters)
 

@@ -141,7 +141,7 @@ def test_a_parameter_that_changes_nothing_stays_and_is_not_called_certain(made):
     fit = problem(made).solve(start, [*moved(made), place], frozenset({"stribeck", "coupling_damping"}), evaluations=30)
     assert model.decode(fit.xs[0])["coupling_damping.C"] == pytest.approx(150.0, rel=1e-3)
     assert model.decode(fit.xs[0])["M"] == pytest.approx(TRUTH["M"], rel=1e-3)
-    std = standard_deviations(Searcher([[made]]), fit)
+    std = standard_deviations(Searcher([made]), fit)
     assert not std.get(place, np.inf) < 1e3
     assert 0 < std[model.index["M"]] < 1
 
