@@ -53,11 +53,13 @@ _STEPS = {
     ),
     "limits": (
         "measure how small an effect may be and still be named",
-        "Makes and diagnoses open cases of its own, a staircase an effect. Writes STUDY/limits/ and limits.json.",
+        "Reads what it left in STUDY/limits/ and goes on from there: open cases of its own, made and diagnosed, a "
+        "staircase an effect. Writes STUDY/limits/ and limits.json.",
     ),
     "real": (
         "diagnose the measured EMPS records, some with an effect planted in them",
-        "Writes STUDY/real/, a sealed study of its own, and real.json. Without the records it only says so.",
+        "Reads the EMPS records. Writes STUDY/real/, a sealed study of its own, and real.json. Without the records it "
+        "only says so.",
     ),
     "calibrate": (
         "suggest constants of the probabilities and of abstention",
