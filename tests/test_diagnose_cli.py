@@ -17,9 +17,12 @@ from gap_machine import path, record
 
 from didim_jax import cli
 from didim_jax.effects import catalogue
+from didim_jax.errors import InputError
 from didim_jax.formats import load_recording, save_recording
+from didim_jax.gap.cases import cases_in
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
+from didim_jax.report import many
 
 FEW = "position_gain velocity_gain velocity_filter amplifier_dead_zone cogging offset cable_spring local_friction"
 FILES = {"diagnosis.json", "simulation.npz", "report.html", "prediction.json"}
@@ -265,6 +268,27 @@ def test_one_bad_case_does_not_stop_the_others(desk):
     for name in ("case-001", "case-003"):
         told = json.loads(Path(f"out/{name}/diagnosis.json").read_text(encoding="utf-8"))
         assert told["schema"] == 1 and ("check" in told["gap"]) == (name == "case-001")
+
+
+@pytest.mark.parametrize("by_name", [False, True], ids=["of every case", "by name"])
+def test_effects_are_left_out_of_every_case_or_of_one(desk, monkeypatch, by_name):
+    desk.case("case-001")
+    desk.case("case-002")
+    seen, said = {}, {}
+
+    def nothing(case, effects, out, *, exclude):
+        seen[case.name] = tuple(exclude)
+        raise InputError(f"{case.name}: nothing in it")
+
+    monkeypatch.setattr(many, "diagnose_case", nothing)
+    left_out = {"case-001": ("offset",), "case-002": ()} if by_name else ("offset",)
+    cases = cases_in(Path("cases"))
+    bad = many.diagnose_cases(
+        cases, (), Path("out"), exclude=left_out, threads=2, done=lambda case, line: said.update({case.name: line})
+    )
+    assert bad == ["case-001", "case-002"]
+    assert seen == {"case-001": ("offset",), "case-002": () if by_name else ("offset",)}
+    assert said["case-002"] == "unusable: case-002: nothing in it"
 
 
 @pytest.mark.slow
