@@ -342,5 +342,5 @@ def test_friction_never_drives():
     (stribeck,) = (effect for effect in EFFECTS if effect.label() == "stribeck")
     loop = around(rigid(SHARP, 0.0, 0.0), (dataclasses.replace(stribeck, dFs=-30.0),), controlled=False)
     excitation = Excitation(jnp.asarray(DT), jnp.zeros(N), jnp.zeros(N))
-    v = np.asarray(simulate(loop, excitation, loop.start(0.0, 0.05, DT)).motor.v)
-    assert np.all(np.diff(v) <= 0) and v[-1] > 1e-3
+    v = np.asarray(simulate(loop, excitation, loop.start(0.0, 2e-3, DT)).motor.v)
+    np.testing.assert_allclose(v, 2e-3, rtol=1e-12)
