@@ -108,6 +108,7 @@ def test_a_limit_is_in_the_effects_own_unit_and_holds_the_truth(study):
     assert len(one["trials"]) == 24 and json.loads((study / "limits.json").read_text())["effects"]["offset"] == one
     assert [check["noise"] for check in found["spot_checks"]] == ["low", "high"]
     assert found["spot_checks"][1]["bound_ratio"] == pytest.approx(3.0)
+    assert {at["foreseen"]: at["n"] for at in found["spot_checks"][0]["seen"]} == {0.5: 4, 0.9: 4}
     limits.print_limits(found)
 
 
@@ -335,6 +336,34 @@ def test_without_the_records_one_line_says_so(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_from_the_records_to_the_judgement_every_case_sealed_before_it_is_diagnosed(tmp_path, recorded, monkeypatch):
+    from experiments.blind import diagnose as diagnosing
+
+    run = dataclasses.replace(recorded[0], gain=35.15065188248547)
+    pulses = 5.0 * (np.arange(len(run.qm)) % 400 >= 300)
+    (tmp_path / "emps").mkdir()
+    written(tmp_path / "emps" / "DATA_EMPS.mat", run)
+    written(tmp_path / "emps" / "DATA_EMPS_PULSES.mat", dataclasses.replace(run, vir=run.vir + pulses), pulses)
+    monkeypatch.setenv("DIDIM_DATA", str(tmp_path))
+
+    def say_nothing(cases: Path, todo: set[str], out: Path) -> None:
+        assert (out.parent / "seals.json").exists()
+        for name in todo - {"real-5"}:  # that one fails
+            (out / name).mkdir()
+            write_json(out / name / "diagnosis.json", found("none", base={"M": {"after": 95.0, "std": 0.1}}))
+
+    monkeypatch.setattr(diagnosing, "_diagnose", say_nothing)
+    document = real.real(tmp_path)
+    assert document is not None and [row["verdict"] for row in document["cases"]].count("failed") == 1
+    assert not any(row["right"] for row in document["cases"])
+    assert json.loads((tmp_path / "real.json").read_text()) == document
+    steps = [json.loads(line)["step"] for line in (tmp_path / "real" / "ledger.jsonl").read_text().splitlines()]
+    assert steps == ["seal", "diagnose", "open"]
+    monkeypatch.setattr(diagnosing, "_diagnose", lambda *arguments: pytest.fail("opened already"))
+    assert real.real(tmp_path) == document
+    real.print_real(document)
+
+
 def found(verdict: str, *effects: str, **more: Any) -> dict[str, Any]:
     blank = {"ambiguous_with": [], "parameters": {}, "block": "actuator", "gap": {}, "base": {}, "remarks": []}
     return {**blank, "verdict": verdict, "effects": list(effects), **more}
@@ -354,6 +383,9 @@ def test_a_planted_effect_counts_beside_the_machines_own():
 
     assert row(1.05e-3, "stribeck", "time_delay")["right"]
     assert not row(1.2e-3, "stribeck", "time_delay")["right"]  # its size is wrong
+    late = found("effect", "time_delay", parameters={"time_delay": {"T": {"value": 1.3e-3, "std": None}}})
+    pulsed = found("effect", "amplifier_lag", parameters={"amplifier_lag": {"T": {"value": 0.3e-3}}})
+    assert real.judged("r", answer, late, None, real.own_lag(pulsed))["right"]  # on top of the machine's own
     assert not row(1.05e-3, "asymmetric_viscous")["right"]
     twins = found("ambiguous", "amplifier_lag", ambiguous_with=[["amplifier_lag", "time_delay"]])
     lag = real.judged("r", answer, twins, None)

@@ -4,6 +4,7 @@ import abc
 import dataclasses
 import enum
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -157,6 +158,8 @@ class AbstractEffect(eqx.Module):
     family: ClassVar[str] = ""
     """Effects that take a good part of a step's time (powers, angles, states) belong to one. A program of several
     effects holds those without a family, and a family only where one of its own takes part."""
+    least: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Sizes that every machine has a little of, by parameter: an effect no larger is not worth a name."""
     own_to_record: ClassVar[tuple[str, ...]] = ()
     """Parameters that another record of the same machine may have different: a phase lost at power-off, a clock."""
 

@@ -1,5 +1,7 @@
 """Effects between the command and the force: amplifier, motor, and the forces of the motor's own magnets."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -13,6 +15,9 @@ from ._law import remembered, turn
 
 _LONGEST_DELAY = 6
 """Samples that a delay may have."""
+
+_TIMING = MappingProxyType({"T": 5e-5})
+"""When within a sample the drive takes its command over is the machine's own."""
 
 _LATE = tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
 """Where lag and delay are looked for: twins, from the same starts."""
@@ -30,6 +35,7 @@ class AmplifierLag(AbstractEffect):
     size: ClassVar[str] = "0.2-3 ms"
     twins: ClassVar[tuple[str, ...]] = ("time_delay",)
     source: ClassVar[str] = "current loop of the amplifier"
+    least: ClassVar[Mapping[str, float]] = _TIMING
     sampled: ClassVar[bool] = True
     T: Scalar = param("s", scale=1e-3, lower=0.0, upper=2e-2, default=0.0)
 
@@ -54,6 +60,7 @@ class TimeDelay(AbstractEffect):
     size: ClassVar[str] = "0.2-3 ms"
     twins: ClassVar[tuple[str, ...]] = ("amplifier_lag",)
     source: ClassVar[str] = "bus and computation time"
+    least: ClassVar[Mapping[str, float]] = _TIMING
     sampled: ClassVar[bool] = True
     T: Scalar = param("s", scale=1e-3, lower=0.0, upper=6e-3, default=0.0)
 

@@ -9,14 +9,17 @@ from collections.abc import Collection
 
 import numpy as np
 
-RELEVANT = 0.15
+RELEVANT = 0.12
 """Share of the residual energy that an effect must close to be worth a name."""
 
-LEFT = 0.06
+LEFT = 0.09
 """Share of the gap's structure, left by all effects found, at which something else is as likely as not."""
 
-STRUCTURED = 0.06
+STRUCTURED = 0.15
 """Share of the last residual that must follow the motion for that."""
+
+ODD = 0.32
+"""The same where nothing was found: slow and coloured noise alone reach some 0.3 where there is no gap at all."""
 
 TEMPERATURE = 12.0
 """Residuals are autocorrelated and laws are not exact: log-likelihoods are worth this many times less."""
@@ -91,7 +94,7 @@ def other(left: float, structured: float, law_left: float) -> float:
 
 def unknown(structured: float, law_left: float) -> float:
     """Probability of something outside the catalogue where no effect was found: the residual follows the motion."""
-    return max(logistic(25.0 * (structured - 0.25)), logistic(20.0 * (law_left - 0.2)))
+    return max(logistic(25.0 * (structured - ODD)), logistic(20.0 * (law_left - 0.2)))
 
 
 def settled(effect: str, other: float) -> dict[str, float]:

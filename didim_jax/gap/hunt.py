@@ -13,12 +13,14 @@ from .prepared import Prepared, motion
 from .search import Refit, Searcher, Step
 
 MOST_EFFECTS = 4
-SHARE = 0.035
+SHARE = 0.02
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
 SETTLED, WORTH = 0.05, 0.04
 """Structure left after an effect below which a further one is only tried if its score promises this share."""
-CERTAIN = 30.0
+CERTAIN = 8.0
 """Fall of the whitened cost (half a sum of squares) that noise does not give, allowing for its autocorrelation."""
+CLOSE = 6.0
+"""Differences of that cost that decide nothing: the one that closes more of the gap comes first."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 BLOCK_S = 0.5
@@ -74,8 +76,8 @@ def hunt(
         steps.append(step)
         if not step.refits:
             break
-        worth = [r for r in step.refits[:TRIED] if gain(last, r.fit) >= decide.RELEVANT]
-        best = next((r for r in worth if _gains_elsewhere(searcher, last, r, adopted)), None)
+        worth = [r for r in step.refits if gain(last, r.fit) >= decide.RELEVANT and not _usual(searcher, r)]
+        best = next((r for r in _ordered(worth)[:TRIED] if _gains_elsewhere(searcher, last, r, adopted)), None)
         if best is None:
             break
         say(f"{best.effect}: {100 * gain(last, best.fit):.0f} % of what was left")
@@ -111,6 +113,21 @@ def gain(before: Fit, after: Fit) -> float:
 def energy(fit: Fit) -> float:
     """Energy of the force residual in the band, over all records."""
     return float(sum(row[0] @ row[0] for row in fit.residuals))
+
+
+def _ordered(refits: Sequence[Refit]) -> list[Refit]:
+    """Least cost first, but of those as good as the best the one that leaves the least energy."""
+    if not refits:
+        return []
+    good = [r for r in refits if r.fit.cost < refits[0].fit.cost + CLOSE]
+    return [*sorted(good, key=lambda r: energy(r.fit)), *refits[len(good) :]]
+
+
+def _usual(searcher: Searcher, refit: Refit) -> bool:
+    """Whether the effect is no larger than every machine has it."""
+    effect = next(e for e in searcher.model.effects if e.label() == refit.effect)
+    values = searcher.model.decode(refit.fit.xs[0])
+    return bool(effect.least) and all(abs(values[f"{refit.effect}.{k}"]) < v for k, v in effect.least.items())
 
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> bool:

@@ -45,11 +45,14 @@ def headline(d: Diagnosis) -> str:
                 f"where noise alone would leave {percent(gap.floor)}."
             )
         case "ambiguous":
-            group, *_ = d.ambiguous_with or (d.effects,)
+            group, _ = _groups(d)
             others = [named(e) for e in d.effects if e not in group]
-            added = f"With {listed(['the likelier one', *others])}"
             too = f", and {listed(others)}" if others else ""
-            said = f"{listed([named(e) for e in group], 'or')} (these data cannot tell which){too}"
+            if len(group) > 1:
+                added = f"With {listed(['the likelier one', *others])}"
+                said = f"{listed([named(e) for e in group], 'or')} (these data cannot tell which){too}"
+            else:
+                said, added = _all(d), "Once added"
         case _:
             said, added = _all(d), "Once added"
     return (
@@ -142,6 +145,12 @@ def _intervals(spans: list[list[float]]) -> str:
 # -- which -------------------------------------------------------------------------------------------------------
 
 
+def _groups(d: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The first effect's group, alone if it has no twin, and the groups of further effects."""
+    first = next((g for g in d.ambiguous_with if d.effects[0] in g), (d.effects[0],))
+    return first, [g for g in d.ambiguous_with if g != first]
+
+
 def _which(d: Diagnosis) -> tuple[str, str]:
     p = dict(d.ranking)
     rivals = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", *d.effects)]
@@ -161,10 +170,13 @@ def _which(d: Diagnosis) -> tuple[str, str]:
             likeliest = d.ranking[0][0] == "other"
             return "None that is known" + (f" ({chance(p['other'])})" if likeliest else ""), text
         case "ambiguous":
-            group, *more = d.ambiguous_with or (d.effects,)
-            head = f"{capital(_with_chance(group[0], p))} or {listed([_with_chance(e, p) for e in group[1:]], 'or')}"
-            text = "Each leaves the same force on these records to within the noise."
-            text += "".join(f" Nor can {listed([named(e) for e in g])} be told apart." for g in more)
+            group, more = _groups(d)
+            head = capital(_with_chance(group[0], p))
+            text = sizes(d)
+            if len(group) > 1:
+                head += f" or {listed([_with_chance(e, p) for e in group[1:]], 'or')}"
+                text = "Each leaves the same force on these records to within the noise."
+            text += "".join(f" These data cannot tell {listed([named(e) for e in g], 'from')}." for g in more)
             if len(d.effects) > 1:
                 text += f" Also found: {listed([named(e) for e in d.effects if e not in group])}. {_shares(d)}".rstrip()
             if d.experiment:

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from didim_jax.errors import InputError
 from didim_jax.files import atomic_write
@@ -360,8 +361,8 @@ def _spot_check(
         "p50": _times(usually["p50"], ratio),
         "p90": _times(usually["p90"], ratio),
         "unit": usually["unit"],
-        **{f"named_at_p{100 * level:.0f}": f"{one.k} of {one.n}" for level, one in seen.items()},
-        "agrees": all(one.interval[0] <= level <= one.interval[1] for level, one in seen.items()),
+        "seen": [{"foreseen": level, **one.as_json()} for level, one in seen.items()],
+        "agrees": all(one.n == 0 or binomtest(one.k, one.n, level).pvalue > 0.05 for level, one in seen.items()),
     }
 
 
@@ -427,7 +428,7 @@ def print_limits(document: Mapping[str, Any]) -> None:
         intervals = ", ".join(" - ".join(map(_number, one[f"{key}_interval"])) for key in ("p50", "p90"))
         print(f"{name:24} {one['unit']:8} {values}   {intervals}")
     for check in document["spot_checks"]:
-        seen = f"{check['named_at_p50']} named for 50 %, {check['named_at_p90']} for 90 %"
+        seen = ", ".join(f"{at['k']} of {at['n']} named for {100 * at['foreseen']:.0f} %" for at in check["seen"])
         verdict = "agrees" if check["agrees"] else "does not agree"
         print(f"{check['effect']} at {check['noise']} noise, limits scaled by {check['scale']:g}: {seen}; {verdict}")
 

@@ -19,7 +19,8 @@ as the encoder's counts make dq: this is a limit of these cases, not of the plan
   force is (1 + e) gtau vir: exactly `drive_gain`. M, Fv, Fc and all effects in newtons divided by 1 + e fit the record
   as well as before: the answer is the same as without it, with all of them smaller.
 - delay: vir[k + d] recorded at k, reference rebuilt. The plant answers d samples after the drive signal and the law
-  holds with no lag: exactly `time_delay`, T = d samples, in the drive.
+  holds with no lag: exactly `time_delay`, T = d samples, in the drive, on top of what lag the machine has already. That
+  one is taken from the case of the pulses, whose sharp edges show it and in which none is planted.
 - late log: vir[k - d] recorded at k and nothing else changed. The motion now begins *before* the force that makes it,
   so that no drive explains it, and the law holds with a lag of d, so that no controller at these instants explains it:
   the signal was logged late. That is to be said, and no effect of the loop to be named for it.
@@ -288,8 +289,9 @@ def real(study: Path) -> dict[str, Any] | None:
         open_seals(out, out / ANSWERS)
     answers = read_json(out / OPENED, "the answers")
     found = {name: _document(out / DIAGNOSES / name / "diagnosis.json") for name in sorted(answers)}
-    plain = next(name for name, document in answers.items() if document["answer"]["rule"] == "first")
-    rows = [judged(name, answers[name]["answer"], found[name], found[plain]) for name in sorted(answers)]
+    by_rule = {document["answer"]["rule"]: name for name, document in answers.items()}
+    plain, lag = found[by_rule["first"]], own_lag(found[by_rule["pulses"]])
+    rows = [judged(name, answers[name]["answer"], found[name], plain, lag) for name in sorted(answers)]
     document = {"schema": 1, "data": "measured (EMPS benchmark), effects planted as said", "cases": rows}
     write_json(study / REAL, document)
     return document
@@ -345,14 +347,24 @@ def _answer(name: str, case: Planted, pulsed: Record) -> dict[str, Any]:
 # -- judgement -----------------------------------------------------------------------------------------------------
 
 
+def own_lag(found: Mapping[str, Any] | None) -> float:
+    """Delay or lag (s) that the machine has of its own, by a diagnosis in which none was planted; 0 where none was."""
+    named = {} if found is None else found["parameters"]
+    return float(sum(named[name]["T"]["value"] for name in ("time_delay", "amplifier_lag") if name in named))
+
+
 def judged(
-    name: str, answer: Mapping[str, Any], found: Mapping[str, Any] | None, plain: Mapping[str, Any] | None
+    name: str,
+    answer: Mapping[str, Any],
+    found: Mapping[str, Any] | None,
+    plain: Mapping[str, Any] | None,
+    lag: float = 0.0,
 ) -> dict[str, Any]:
-    """A row of real.json; `plain` is the diagnosis of the record as it is."""
+    """A row of real.json; `plain` is the diagnosis of the record as it is, `lag` the machine's own, in s."""
     row = {"case": name, "what": answer["what"], "truth": answer["effects"]}
     if found is None:
         return {**row, "found": [], "verdict": "failed", "right": False, "parameter": {}, "gap": None}
-    size = _size(answer, found, plain)
+    size = _size(answer, found, plain, lag)
     within = all(one["within"] is not False for one in size.values())
     return {
         **row,
@@ -396,7 +408,7 @@ def _onsets(true: Sequence[float], found: Mapping[str, Any]) -> bool:
 
 
 def _size(
-    answer: Mapping[str, Any], found: Mapping[str, Any], plain: Mapping[str, Any] | None
+    answer: Mapping[str, Any], found: Mapping[str, Any], plain: Mapping[str, Any] | None, lag: float
 ) -> dict[str, dict[str, Any]]:
     """The effect's own parameter beside the truth, of a sine and a cosine their amplitude. Empty: none to tell."""
     if "parameters" not in answer:
@@ -404,6 +416,8 @@ def _size(
     effect = answer["effects"][-1]
     ((key, told),) = answer["parameters"][effect].items()
     true, tolerance = told["value"], answer["tolerance"]
+    if effect == "time_delay":
+        true += lag
     estimates = found["parameters"].get(effect, {})
     if answer["rule"] == "absorbed":
         true = float("nan") if plain is None else true * plain["base"][key]["after"]
