@@ -176,7 +176,6 @@ def test_twins_are_named_together_with_what_would_part_them(emps_like):
     assert_closed(d)
 
 
-@pytest.mark.xfail(reason="certainty is weighed by a residual that still holds the effect")
 def test_a_constant_force_on_a_short_record(emps_like):
     """4 N close nine tenths of the gap; in 3 s they are one number against a slow drift of 0.3 N."""
     d = diagnosed(emps_like, rubs=lambda q, v: 4.0)
