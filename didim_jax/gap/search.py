@@ -48,6 +48,7 @@ class Searcher:
     def __init__(self, records: Sequence[Prepared], threads: int = 1) -> None:
         self.records = tuple(records)
         self.threads = threads
+        self._plain: np.ndarray = np.zeros(0)  # where the nominal fit began: a plant as the record suggests it
         self.model = self.records[0].model
         self.whitening: list[list[Whitening]] = [
             [Whitening.flat(len(c.observed), 0.02 * c.rms) for c in p.channels] for p in self.records
@@ -93,7 +94,8 @@ class Searcher:
         costs = [float(np.sum((p.channels[0].observed - p.filtered(out, p.channels[0])) ** 2)) for out in outputs]
         if not np.isfinite(costs).any():
             raise InputError(f"{p.recording.label}: no drive of this kind follows it; check model and units.")
-        fit = self.problem().solve(starts[int(np.nanargmin(costs))], self.base, evaluations=20)
+        self._plain = starts[int(np.nanargmin(costs))]
+        fit = self.problem().solve(self._plain, self.base, evaluations=20)
         fit = self._sharpened(fit)
         self.weigh(fit)
         fit = self.problem().solve(fit.xs, self.base, evaluations=12)
@@ -162,15 +164,19 @@ class Searcher:
         # A mode is found from several starts or not at all.
         seen = {id(s) for s in tried}
         tried += [s for name in list(by_effect)[:3] for s in _distinct(by_effect[name], 2) if id(s) not in seen]
+        starts = [(s, before.xs) for s in tried]
+        if self._bent(before) and not adopted:
+            starts += [(s, (self._plain,) * len(self.records)) for s in tried]
 
-        def short(problem: Problem, s: Score) -> Refit:
-            return Refit(s.effect, self._refit(problem, before, s, adopted, SHORT), s)
+        def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> Refit:
+            s, xs = start
+            return Refit(s.effect, self._refit(problem, before, s, xs, adopted), s)
 
         def long(problem: Problem, r: Refit) -> Refit:
             fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
             return Refit(r.effect, fit if fit.cost <= r.fit.cost else r.fit, r.score)
 
-        first = sorted((r for r in self.map(short, tried) if r.fit.ok), key=lambda r: r.fit.cost)
+        first = sorted((r for r in self.map(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
         if not first:
             return Step(before, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
@@ -185,11 +191,19 @@ class Searcher:
         top = tuple(ss[0] for ss in by_effect.values())
         return Step(before, top, tuple(sorted(best.values(), key=lambda r: r.fit.cost)))
 
-    def _refit(self, problem: Problem, before: Fit, s: Score, adopted: tuple[str, ...], evaluations: int) -> Fit:
+    def _refit(
+        self, problem: Problem, before: Fit, s: Score, xs: Sequence[np.ndarray], adopted: tuple[str, ...]
+    ) -> Fit:
+        """A first, cheap refit of a score's effect from where the score puts it and everything else at xs."""
         model = self.model
         chosen = list(dict.fromkeys([*before.chosen, *model.of(s.effect)]))
-        xs = [model.encode(x, s.start) for x in before.xs]
-        return problem.solve(xs, chosen, frozenset({s.effect, *adopted}), evaluations)
+        return problem.solve([model.encode(x, s.start) for x in xs], chosen, frozenset({s.effect, *adopted}), SHORT)
+
+    def _bent(self, fit: Fit) -> bool:
+        """Whether a large effect has bent the plant to what no machine is: friction that pushes on one side."""
+        values = self.model.decode(fit.xs[0])
+        pairs = [(values[f"{name}1"], values[f"{name}2"]) for name in ("Fv", "Fc") if f"{name}1" in values]
+        return any(min(pair) < -0.25 * abs(sum(pair)) for pair in pairs)
 
 
 def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
