@@ -60,7 +60,11 @@ class Verdict:
 def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings) -> Verdict:
     """From the evidence to a verdict."""
     effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
-    other = decide.other(q.left, q.structured, q.law_left) if effects else decide.unknown(q.structured, q.law_left)
+    # What is only read off the record takes no part in the gap: there is nothing of which a share could be left.
+    if found.adopted:
+        other = decide.other(q.left, q.structured, q.law_left)
+    else:
+        other = decide.unknown(q.structured, q.law_left)
     if relative(searcher.records[0], found.last.outputs[0]) > FOREIGN:
         other = 1.0
     if read.effects:
