@@ -20,18 +20,9 @@ from pydantic.dataclasses import dataclass
 from didim_jax import InputError
 from didim_jax.config import CONFIG
 
+from .blind.plan import TWINS
 from .data import gap_folder
 from .study import main, write_json
-
-TWINS = (
-    {"offset", "asymmetric_coulomb"},
-    {"amplifier_lag", "time_delay"},
-    {"cogging", "encoder_periodic_error"},
-    {"cogging", "transmission_error"},
-    {"encoder_periodic_error", "transmission_error"},
-    {"velocity_gain", "velocity_filter"},
-)
-"""Of the contract: what one of them is answered as may be the other."""
 
 
 @dataclass(frozen=True, config=CONFIG)
