@@ -12,17 +12,23 @@ import numpy as np
 RELEVANT = 0.12
 """Share of the residual energy that an effect must close to be worth a name."""
 
-LEFT = 0.09
-"""Share of the gap's structure, left by all effects found, at which something else is as likely as not."""
+LEFT = 0.12
+"""Share of the explainable gap, left by all effects found, at which something else is as likely as not."""
 
-STRUCTURED = 0.15
-"""Share of the last residual that must follow the motion for that."""
+STRUCTURED = 0.1
+"""Share of the last residual that must not be noise for that."""
 
-ODD = 0.32
-"""The same where nothing was found: slow and coloured noise alone reach some 0.3 where there is no gap at all."""
+ODD = 0.2
+"""The same where nothing was found."""
 
-TEMPERATURE = 12.0
-"""Residuals are autocorrelated and laws are not exact: log-likelihoods are worth this many times less."""
+DRIFT = 0.9
+"""Slow part of the last residual against the rest, at which it is as likely as not that no drift of a machine is it."""
+
+TEMPERATURE = 2.0
+"""Laws are not exact and noise is not as it is modelled: log-likelihoods are worth this many times less."""
+
+PENALTY = 3.0
+"""Log-likelihood that a parameter costs: half the logarithm of some four hundred independent samples."""
 
 TWIN = 4.0
 """Difference of tempered log-likelihood within which two effects are one group."""
@@ -30,30 +36,28 @@ TWIN = 4.0
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """What one step of the search found, per effect: whitened residual energy left, and the number of parameters.
-
-    `before` is the energy without any effect, `rows` the number of residuals.
-    """
+    """What one step of the search found: log-likelihood with each effect, its number of parameters, and `before` it."""
 
     effects: tuple[str, ...]
-    energy: np.ndarray
+    log_likelihood: np.ndarray
     parameters: np.ndarray
     before: float
-    rows: int
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Tempered, and less what the parameters cost, (n_effects,)."""
+        return (self.log_likelihood - PENALTY * self.parameters) / TEMPERATURE
 
 
-def log_likelihood(evidence: Evidence) -> np.ndarray:
-    """-n/2 log energy - parameters/2 log n, tempered, (n_effects,)."""
-    n = evidence.rows / TEMPERATURE
-    return -0.5 * n * np.log(evidence.energy) - 0.5 * evidence.parameters * np.log(n)
+NOTHING = Evidence((), np.zeros(0), np.zeros(0), 0.0)
+"""Of a step without a refit."""
 
 
 def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, float]:
     """Probability of each effect, `none` and `other`, largest first; they sum to 1."""
     out = {"none": none, "other": other}
     if len(evidence.effects):
-        ll = log_likelihood(evidence)
-        weights = np.exp(ll - ll.max())
+        weights = np.exp(evidence.weight - evidence.weight.max())
         weights = (1 - none - other) * weights / weights.sum()
         out |= dict(zip(evidence.effects, (float(w) for w in weights), strict=True))
     total = sum(out.values())
@@ -62,11 +66,10 @@ def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, fl
 
 def twins(evidence: Evidence, effect: str, adopted: Collection[str] = ()) -> tuple[str, ...]:
     """The group of at most three that these data cannot tell apart from the effect, itself first; () when alone."""
-    ll = log_likelihood(evidence)
-    mine = ll[evidence.effects.index(effect)]
+    mine = evidence.weight[evidence.effects.index(effect)]
     near = [
         (mine - value, name)
-        for name, value in zip(evidence.effects, ll, strict=True)
+        for name, value in zip(evidence.effects, evidence.weight, strict=True)
         if name not in (effect, *adopted) and mine - value < TWIN
     ]
     return (effect, *[name for _, name in sorted(near)[:2]]) if near else ()
@@ -82,19 +85,28 @@ def none(gain: float) -> float:
     return logistic(60.0 * (RELEVANT - gain))
 
 
-def other(left: float, structured: float, law_left: float) -> float:
+def other(left: float, structured: float, drift: float, law_left: float) -> float:
     """Probability of something outside the catalogue though effects were found.
 
-    `left` is the share of the gap's structure that they leave, `structured` the share of what they leave that still
-    follows the motion: both must be large. `law_left` is the share of r_C that nothing explains.
+    `left` is the share of the explainable gap that they leave, `structured` the share of what they leave that is not
+    noise: both must be large; or `drift`, the slow part of it against the rest, or `law_left`, the share of r_C that
+    nothing explains.
     """
     force = logistic(4.0 * np.log(max(left, 1e-9) / LEFT)) * logistic(50.0 * (structured - STRUCTURED))
-    return max(force, logistic(20.0 * (law_left - 0.2)))
+    return max(force, _drifts(drift), _law(law_left))
 
 
-def unknown(structured: float, law_left: float) -> float:
-    """Probability of something outside the catalogue where no effect was found: the residual follows the motion."""
-    return max(logistic(25.0 * (structured - ODD)), logistic(20.0 * (law_left - 0.2)))
+def unknown(structured: float, drift: float, law_left: float) -> float:
+    """Probability of something outside the catalogue where no effect was found."""
+    return max(logistic(40.0 * (structured - ODD)), _drifts(drift), _law(law_left))
+
+
+def _drifts(drift: float) -> float:
+    return logistic(6.0 * np.log(max(drift, 1e-9) / DRIFT))
+
+
+def _law(law_left: float) -> float:
+    return logistic(20.0 * (law_left - 0.2))
 
 
 def settled(effect: str, other: float) -> dict[str, float]:

@@ -10,17 +10,18 @@ from . import decide
 from .atlas import Atlas, atlas
 from .fit import PRIORS, Fit
 from .prepared import Prepared, motion
+from .remainder import Remainder, remainder
 from .search import Refit, Searcher, Step
 
 MOST_EFFECTS = 4
 SHARE = 0.02
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
-SETTLED, WORTH = 0.05, 0.04
-"""Structure left after an effect below which a further one is only tried if its score promises this share."""
+WORTH = 0.04
+"""Share that a further effect's score must promise to be tried where what is left looks like noise."""
 CERTAIN = 8.0
-"""Fall of the whitened cost (half a sum of squares) that noise does not give, allowing for its autocorrelation."""
+"""Rise of the log-likelihood that noise does not give, whichever of all effects is looked for."""
 CLOSE = 6.0
-"""Differences of that cost that decide nothing: the one that closes more of the gap comes first."""
+"""Differences of it that decide nothing: the one that closes more of the gap comes first."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 BLOCK_S = 0.5
@@ -70,17 +71,18 @@ def hunt(
     steps: list[Step] = []
     stages: list[tuple[str, Fit]] = []
     while len(adopted) < MOST_EFFECTS:
-        settled = bool(adopted) and structure(searcher, last) < SETTLED
+        settled = bool(adopted) and rest(searcher, last).settled
         others = [e for e in effects if e.label() not in adopted]
         step = searcher.step(last, others, adopted, worth=WORTH if settled else 0.0)
         steps.append(step)
         if not step.refits:
             break
-        worth = [r for r in step.refits if gain(last, r.fit) >= decide.RELEVANT and not _usual(searcher, r)]
-        best = next((r for r in _ordered(worth)[:TRIED] if _gains_elsewhere(searcher, last, r, adopted)), None)
+        worth = [r for r in step.refits if gain(searcher, last, r.fit) >= decide.RELEVANT and not _usual(searcher, r)]
+        tried = _ordered(searcher, worth)[:TRIED]
+        best = next((r for r in tried if _gains_elsewhere(searcher, last, r, adopted)), None)
         if best is None:
             break
-        say(f"{best.effect}: {100 * gain(last, best.fit):.0f} % of what was left")
+        say(f"{best.effect}: {100 * gain(searcher, last, best.fit):.0f} % of what was left")
         adopted = (*adopted, best.effect)
         last = _settle(searcher, best, adopted)
         stages.append((best.effect, last))
@@ -89,10 +91,9 @@ def hunt(
     return Found(nominal, last, read, adopted, tuple(steps), kept, last_in, tuple(name for name, _ in stages))
 
 
-def structure(searcher: Searcher, fit: Fit) -> float:
-    """Share of the first record's residual that still depends on the motion, a slow drift weighed out first."""
-    record, r = searcher.records[0], fit.residuals[0][0]
-    return atlas_of(record, record.whitening(record.channels[0], r)(r)).explainable
+def rest(searcher: Searcher, fit: Fit) -> Remainder:
+    """What of the first record's force residual is not noise."""
+    return remainder(searcher.records[0], fit.residuals[0][0])
 
 
 def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
@@ -101,13 +102,14 @@ def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
     return atlas(record.t, residual, q, v, a, qg, record.model.dt * record.decimation.factor, record.bench.lead)
 
 
-def gain(before: Fit, after: Fit) -> float:
+def gain(searcher: Searcher, before: Fit, after: Fit) -> float:
     """Share of the force residual's energy that a fit closes; hardly any where noise alone could have given it.
 
-    Energy says what matters, the cost, in which a slow drift weighs little, what is certain.
+    Energy says what matters; the likelihood, in which a slow drift weighs little, what is certain.
     """
     share = 1 - energy(after) / energy(before)
-    return share if before.cost - after.cost > CERTAIN else min(share, 0.3 * decide.RELEVANT)
+    certain = searcher.log_likelihood(after) - searcher.log_likelihood(before) > CERTAIN
+    return share if certain else min(share, 0.3 * decide.RELEVANT)
 
 
 def energy(fit: Fit) -> float:
@@ -115,12 +117,13 @@ def energy(fit: Fit) -> float:
     return float(sum(row[0] @ row[0] for row in fit.residuals))
 
 
-def _ordered(refits: Sequence[Refit]) -> list[Refit]:
-    """Least cost first, but of those as good as the best the one that leaves the least energy."""
-    if not refits:
-        return []
-    good = [r for r in refits if r.fit.cost < refits[0].fit.cost + CLOSE]
-    return [*sorted(good, key=lambda r: energy(r.fit)), *refits[len(good) :]]
+def _ordered(searcher: Searcher, refits: Sequence[Refit]) -> list[Refit]:
+    """Likeliest first, but of those as likely as the best the one that leaves the least energy."""
+    likely = {r.effect: searcher.log_likelihood(r.fit) for r in refits}
+    best = max(likely.values(), default=0.0)
+    near = [r for r in refits if likely[r.effect] > best - CLOSE]
+    far = [r for r in refits if likely[r.effect] <= best - CLOSE]
+    return [*sorted(near, key=lambda r: energy(r.fit)), *sorted(far, key=lambda r: -likely[r.effect])]
 
 
 def _usual(searcher: Searcher, refit: Refit) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from ..effects import AbstractEffect
 from ..errors import InputError
 from .fit import PRIORS, Fit, Problem
-from .noise import Whitening
+from .noise import Noise, Whitening
 from .prepared import Prepared
 from .score import Score, score
 
@@ -64,6 +64,14 @@ class Searcher:
             [p.whitening(c, r) for c, r in zip(p.channels, row, strict=True)]
             for p, row in zip(self.records, fit.residuals, strict=True)
         ]
+
+    def log_likelihood(self, fit: Fit) -> float:
+        """Of what a fit leaves of all records and channels, each under the noise that its own spectrum shows."""
+        return sum(
+            Noise.of(r, p.model.dt * p.decimation.factor, 1e-4 * c.rms).log_likelihood
+            for p, row in zip(self.records, fit.residuals, strict=True)
+            for c, r in zip(p.channels, row, strict=True)
+        )
 
     def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
         """Work on the items side by side; results in their order."""

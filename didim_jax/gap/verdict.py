@@ -9,8 +9,7 @@ from ..effects import AbstractEffect
 from . import decide
 from .diagnosis import Experiment
 from .experiment import separating_experiment
-from .fit import Fit
-from .hunt import Found, energy, gain, structure
+from .hunt import CLOSE, Found, energy, gain, rest
 from .judge import relative
 from .readings import Readings
 from .search import Searcher, Step
@@ -21,15 +20,17 @@ FOREIGN = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class Quality:
-    """What the hunt came to, in shares of energy.
+    """What the hunt came to.
 
-    `gain` is what the first effect closed of the residual. `structured_before` and `structured` depend on the motion
-    by a model-free atlas, without and with the effects; `left` is how much of that structure they left. `law_left` is
-    the share of r_C that nothing explains.
+    `gain` is the share of the residual's energy that the first effect closed. `followed`, `bursts` and `drift` say what
+    the last residual still holds (see `Remainder`), `structured` its share that is not noise; `left` is that as a share
+    of all there was to explain. `law_left` is the share of r_C that nothing explains.
     """
 
     gain: float
-    structured_before: float
+    followed: float
+    bursts: float
+    drift: float
     structured: float
     left: float
     law_left: float
@@ -41,10 +42,12 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
     if best is None and first is not None and first.refits:
         best = first.refits[0]
-    closed = 0.0 if first is None or best is None else gain(first.before, best.fit)
-    before, after = structure(searcher, found.nominal), structure(searcher, found.last)
-    whole = max(before * energy(found.nominal), 1e-300)
-    return Quality(closed, before, after, min(after * energy(found.last) / whole, 1.0), law_left)
+    closed = 0.0 if first is None or best is None else gain(searcher, first.before, best.fit)
+    remains = rest(searcher, found.last)
+    left = remains.structured * energy(found.last)
+    explained = max(energy(found.nominal) - energy(found.last), 0.0)
+    share = left / max(left + explained, 1e-300)
+    return Quality(closed, remains.followed, remains.bursts, remains.drift, remains.structured, float(share), law_left)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,9 +65,9 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
     effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
     # What is only read off the record takes no part in the gap: there is nothing of which a share could be left.
     if found.adopted:
-        other = decide.other(q.left, q.structured, q.law_left)
+        other = decide.other(q.left, q.structured, q.drift, q.law_left)
     else:
-        other = decide.unknown(q.structured, q.law_left)
+        other = decide.unknown(q.structured, q.drift, q.law_left)
     if relative(searcher.records[0], found.last.outputs[0]) > FOREIGN:
         other = 1.0
     if read.effects:
@@ -87,35 +90,20 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
 
 
 def evidence(searcher: Searcher, step: Step, adopted: Sequence[str] = ()) -> decide.Evidence:
-    """Energies of the refits of one step, whitened as the best of them leaves it.
+    """Likelihoods of the refits of one step.
 
-    What fitted better than the effect `adopted` in this step did not gain on other blocks, and is left out.
+    What is far likelier than the effect `adopted` in this step did not gain on other blocks, and is left out.
     """
-    model = searcher.model
-    names = [r.effect for r in step.refits]
-    refits = step.refits[names.index(adopted[0]) if adopted and adopted[0] in names else 0 :]
-    if not refits:
-        return decide.Evidence((), np.zeros(0), np.zeros(0), 1.0, 1)
-    filters = [
-        [p.whitening(c, r) for c, r in zip(p.channels, row, strict=True)]
-        for p, row in zip(searcher.records, refits[0].fit.residuals, strict=True)
-    ]
-
-    def whitened(fit: Fit) -> float:
-        return float(
-            sum(
-                np.sum(w(r) ** 2)
-                for row, ws in zip(fit.residuals, filters, strict=True)
-                for r, w in zip(row, ws, strict=True)
-            )
-        )
-
+    if not step.refits:
+        return decide.NOTHING
+    likely = {r.effect: searcher.log_likelihood(r.fit) for r in step.refits}
+    most = next((likely[name] + CLOSE for name in adopted if name in likely), np.inf)
+    likely = {name: value for name, value in likely.items() if value <= most}
     return decide.Evidence(
-        tuple(r.effect for r in refits),
-        np.array([whitened(r.fit) for r in refits]),
-        np.array([len(model.of(r.effect)) for r in refits], dtype=float),
-        whitened(step.before),
-        sum(len(r) for row in step.before.residuals for r in row),
+        tuple(likely),
+        np.array(list(likely.values())),
+        np.array([len(searcher.model.of(name)) for name in likely], dtype=float),
+        searcher.log_likelihood(step.before),
     )
 
 

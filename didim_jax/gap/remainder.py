@@ -1,0 +1,65 @@
+"""What a fit leaves, told from noise: does it still go with the motion, does it come in bursts, does it drift too far?
+
+The residual is made white by its own noise first. What noise alone gives is then the same at every noise level: no
+share closed on blocks left out, windows of like energy, a drift of a fraction of the rest.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from .atlas import atlas
+from .noise import Noise
+from .prepared import Prepared, motion
+
+WINDOW_S = 0.2
+QUIET, LOUD = 0.4, 2.5
+"""Quantile of the windows' energies that is quiet, and times its energy from which a window is a burst."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Remainder:
+    """Shares of the whitened energy: `followed` by smooth functions of the motion, on blocks left out; in `bursts`.
+
+    `drift` is the rms of the slow part against that of the rest; a machine has 0.1 to 0.4.
+    """
+
+    followed: float
+    bursts: float
+    drift: float
+
+    @property
+    def structured(self) -> float:
+        """Share that is not noise."""
+        return max(self.followed, self.bursts)
+
+    @property
+    def settled(self) -> bool:
+        """Whether it looks like noise."""
+        return self.structured < 0.05 and self.drift < 0.5
+
+
+def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
+    """Of a residual of the record's force, N, (n_decimated,)."""
+    dt = record.model.dt * record.decimation.factor
+    noise = Noise.of(residual, dt, 1e-4 * record.channels[0].rms)
+    white = noise.whitening(len(residual), dt)(residual)
+    q, v, a, qg = motion(record)
+    followed = atlas(record.t, white, q, v, a, qg, dt, record.bench.lead).closed
+    return Remainder(followed, bursts(white, dt), noise.slow / noise.sigma)
+
+
+def bursts(white: np.ndarray, dt: float) -> float:
+    """Share of the energy of white noise that a few windows hold beyond what is quiet; (n,) every dt s."""
+    length = max(1, round(WINDOW_S / dt))
+    count = len(white) // length
+    if count < 5:
+        return 0.0
+    energies = np.sum(white[: count * length].reshape(count, length) ** 2, axis=1)
+    quiet = float(np.quantile(energies, QUIET)) / _QUIET_SHARE
+    loud = energies > LOUD * quiet
+    return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
+
+
+_QUIET_SHARE = 0.92
+"""That quantile of the energy of a window of noise, against its mean: chi-squared with some twenty degrees."""
