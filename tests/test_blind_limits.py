@@ -420,9 +420,9 @@ def test_what_was_logged_wrongly_is_said_and_nothing_is_named_for_it():
 # ---- calibration ----
 
 
-def evidence(energy: list[float], names: list[str], gain: float, left: float = 0.01) -> dict[str, Any]:
-    step = {"effects": names, "energy": energy, "parameters": [1.0] * len(names), "before": 3000.0, "rows": 2500}
-    quality = {"gain": gain, "structured_before": 0.5, "structured": 0.1, "left": left, "law_left": 0.0}
+def evidence(likely: list[float], names: list[str], gain: float, left: float = 0.01) -> dict[str, Any]:
+    step = {"effects": names, "log_likelihood": likely, "parameters": [1.0] * len(names), "before": -3000.0}
+    quality = {"gain": gain, "structured": 0.1, "drift": 0.1, "left": left, "law_left": 0.0}
     return {**quality, "stages": [{"effects": names[:1]}] if gain > 0.15 else [], "steps": [step]}
 
 
@@ -437,14 +437,14 @@ def tempered(temperature: float, n: int, seed: int = 0) -> list[calibrate.Seen]:
     rng, out = np.random.default_rng(seed), []
     for k in range(n):
         gap = rng.uniform(0, 4)  # of the tempered log-likelihoods
-        energy = [1000.0, 1000.0 * float(np.exp(2 * gap * temperature / 2500))]
+        likely = [-1000.0, -1000.0 - gap * temperature]
         right = bool(rng.random() < decide.logistic(gap))
         names = [f"effect_{k % 10}", "rival"]
-        out.append(case(f"c{k}", [names[0] if right else names[1]], evidence(energy, names, 0.6)))
+        out.append(case(f"c{k}", [names[0] if right else names[1]], evidence(likely, names, 0.6)))
     return out
 
 
-@pytest.mark.parametrize("temperature", [5.0, 30.0])
+@pytest.mark.parametrize("temperature", [1.0, 5.0])
 def test_a_known_temperature_comes_back(temperature):
     cases, before = tempered(temperature, 120), calibrate.present()
     start = {name: before[name] for name in ("TEMPERATURE", *calibrate.SLOPES)}
@@ -457,9 +457,9 @@ def test_a_known_temperature_comes_back(temperature):
 
 def test_the_conclusion_is_that_of_the_package_while_the_constants_are():
     """Ranking and abstention through `decide` itself, at its own constants."""
-    seen = case("c", ["a"], evidence([1000.0, 1010.0], ["a", "b"], 0.6, left=0.09))
+    seen = case("c", ["a"], evidence([-1000.0, -1001.0], ["a", "b"], 0.6, left=0.09))
     said = calibrate.concluded(seen, calibrate.present())
-    other = decide.other(0.09, 0.1, 0.0)
+    other = decide.other(0.09, 0.1, 0.1, 0.0)
     assert said["verdict"] == ("unexplained" if other > 0.5 else "ambiguous")
     none = decide.none(0.6)
     want = decide.probabilities(seen.step(0, "a"), none, other * (1 - none))

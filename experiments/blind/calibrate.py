@@ -28,6 +28,7 @@ import scipy.optimize
 
 from didim_jax.errors import InputError
 from didim_jax.gap import decide
+from didim_jax.gap.hunt import CLOSE
 from didim_jax.gap.verdict import FOREIGN
 
 from ..study import write_json
@@ -82,12 +83,13 @@ class Seen:
         """Evidence of a step, without what fitted better than the effect adopted in it and did not gain elsewhere."""
         steps = self.document["evidence"]["steps"]
         if k >= len(steps):
-            return decide.Evidence((), np.zeros(0), np.zeros(0), 1.0, 1)
+            return decide.NOTHING
         one = steps[k]
-        names = list(one["effects"])
-        at = names.index(effect) if effect in names else 0
-        energy, count = (np.array(one[key][at:], dtype=float) for key in ("energy", "parameters"))
-        return decide.Evidence(tuple(names[at:]), energy, count, one["before"], one["rows"])
+        rows = list(zip(one["effects"], one["log_likelihood"], one["parameters"], strict=True))
+        most = next((value + CLOSE for name, value, _ in rows if name == effect), np.inf)
+        kept = [row for row in rows if row[1] <= most]
+        likely, counts = (np.array([row[i] for row in kept], dtype=float) for i in (1, 2))
+        return decide.Evidence(tuple(row[0] for row in kept), likely, counts, one["before"])
 
 
 def present() -> dict[str, float]:
@@ -114,10 +116,10 @@ def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
     e = seen.document["evidence"]
     effects = (*seen.read, *seen.adopted)
     law = e["law_left"]
-    if effects:
-        other = _steeper(decide.other(e["left"], e["structured"], law), constants[SLOPES[1]])
+    if seen.adopted:
+        other = _steeper(decide.other(e["left"], e["structured"], e["drift"], law), constants[SLOPES[1]])
     else:
-        other = _steeper(decide.unknown(e["structured"], law), constants[SLOPES[2]])
+        other = _steeper(decide.unknown(e["structured"], e["drift"], law), constants[SLOPES[2]])
     other = 1.0 if seen.foreign else other
     if seen.read:
         ranking = decide.settled(seen.read[0], other)
