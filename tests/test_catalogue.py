@@ -263,7 +263,7 @@ POINTS: dict[str, dict[str, float]] = {
     "position_friction": {"c1": 2.0, "c2": -1.0, "c3": 1.0, "c4": 0.5},
     "lead_friction": {"a": 2.0, "b": 1.0},
     "local_friction": {"A": 4.0, "w": 5e-3},
-    "presliding": {"share": 0.9, "sigma1": 50.0},
+    "presliding": {"share": 0.9, "load": 0.7, "sigma1": 50.0},
     "load_dependent_friction": {"mu": 0.05},
     "friction_drift": {"d_coulomb": 0.3, "d_viscous": 0.2},
     "coupling_damping": {"C": 300.0},
@@ -341,6 +341,10 @@ class Motion:
         self.s1, self.s2 = np.tanh(self.v1 / V_EPS), np.tanh(self.v2 / V_EPS)
         self.phi = 2 * np.pi * self.q1 / LEAD
 
+    def rubs(self, g, load_share):
+        """A friction of size g (N) on both masses."""
+        return -(1 - load_share) * g * self.s1, -load_share * g * self.s2
+
 
 def legendre(x, *c):
     return np.polynomial.legendre.legval(x, (0.0, *c))
@@ -354,23 +358,29 @@ X = (0.1075, 0.0075)  # middle and half of the stroke, m
 
 # effect: sizes, and (N on the motor side, N on the load side) from the motion
 LAWS: dict[str, tuple[dict[str, float], Any]] = {
-    "asymmetric_coulomb": ({"dFc": 2.0}, lambda m: (-2 * m.s1**2, 0)),
+    "asymmetric_coulomb": (
+        {"dFc": 2.0, "v0": 1e-3},
+        lambda m: (-2 * np.abs(m.v1) / (np.abs(m.v1) + 1e-3), 0),
+    ),
     "asymmetric_viscous": ({"dFv": 30.0}, lambda m: (-30 * np.abs(m.v1), 0)),
     "stribeck": (
-        {"dFs": 4.0, "vs": 0.01, "a": 1.5},
-        lambda m: (-4 * np.exp(-((np.abs(m.v1) / 0.01) ** 1.5)) * m.s1, 0),
+        {"dFs": 4.0, "vs": 0.01, "a": 1.5, "load_share": 0.3},
+        lambda m: m.rubs(4 * np.exp(-((np.abs(m.v1) / 0.01) ** 1.5)), 0.3),
     ),
-    "quadratic_viscous": ({"c": 400.0, "p": 2.0}, lambda m: (-400 * m.v1**2 * m.s1, 0)),
+    "quadratic_viscous": ({"c": 400.0, "p": 2.0, "load_share": 1.0}, lambda m: m.rubs(400 * m.v1**2, 1.0)),
     "position_friction": (
-        {"c1": 2.0, "c2": -1.0, "c3": 0.5, "c4": 1.5},
-        lambda m: (-legendre((m.q1 - X[0]) / X[1], 2.0, -1.0, 0.5, 1.5) * m.s1, 0),
+        {"c1": 2.0, "c2": -1.0, "c3": 0.5, "c4": 1.5, "load_share": 0.0},
+        lambda m: m.rubs(legendre((m.q1 - X[0]) / X[1], 2.0, -1.0, 0.5, 1.5), 0.0),
     ),
-    "lead_friction": ({"a": 2.0, "b": 1.0}, lambda m: (-(2 * np.sin(m.phi) + np.cos(m.phi)) * m.s1, 0)),
+    "lead_friction": ({"a": 2.0, "b": 1.0}, lambda m: m.rubs(2 * np.sin(m.phi) + np.cos(m.phi), 0.5)),
     "local_friction": (
-        {"A": 4.0, "q0": 0.105, "w": 3e-3},
-        lambda m: (-4 * np.exp(-(((m.q1 - 0.105) / 3e-3) ** 2)) * m.s1, 0),
+        {"A": 4.0, "q0": 0.105, "w": 3e-3, "load_share": 0.7},
+        lambda m: m.rubs(4 * np.exp(-(((m.q1 - 0.105) / 3e-3) ** 2)), 0.7),
     ),
-    "load_dependent_friction": ({"mu": 0.05}, lambda m: (-0.05 * np.abs(8.8e5 * m.delta) * m.s1, 0)),
+    "load_dependent_friction": (
+        {"mu": 0.05, "preload": 20.0, "load_share": 0.9},
+        lambda m: m.rubs(0.05 * (np.hypot(8.8e5 * m.delta, 20.0) - 20.0), 0.9),
+    ),
     "friction_drift": (
         {"d_coulomb": 0.3, "d_viscous": 0.2, "T": 0.5},
         lambda m: (
@@ -398,8 +408,14 @@ LAWS: dict[str, tuple[dict[str, float], Any]] = {
     "offset": ({"F0": 3.0}, lambda m: (0, np.full(N, -3.0))),
     "cable_spring": ({"kc": 60.0, "q0": 0.104}, lambda m: (0, -60 * (m.q2 - 0.104))),
     "disturbance_pulses": (
-        {"A": 20.0, "t0": 0.05, "width": 0.03, "period": 0.1},
-        lambda m: (0, 20.0 * (np.round(m.t / DT) % 100 >= 50) * (np.round(m.t / DT) % 100 < 80)),
+        {"A": 20.0, "t0": 0.05, "width": 0.03, "period": 0.1, "odd": -0.5},
+        lambda m: (
+            0,
+            20.0
+            * (np.round(m.t / DT) % 100 >= 50)
+            * (np.round(m.t / DT) % 100 < 80)
+            * np.where(np.round(m.t / DT) // 100 % 2 == 0, 1.0, -0.5),
+        ),
     ),
 }
 
@@ -416,7 +432,7 @@ def test_an_effect_of_the_mechanics_is_its_equation(name):
 
 
 def test_the_power_of_speed_is_a_parameter():
-    out = run(around(FLEXIBLE, with_sizes(quadratic_viscous={"c": 400.0, "p": 1.6})), v=0.02)
+    out = run(around(FLEXIBLE, with_sizes(quadratic_viscous={"c": 400.0, "p": 1.6, "load_share": 0.0})), v=0.02)
     m = Motion(out)
     np.testing.assert_allclose(forces(out)[0], -400 * 0.01 * (np.abs(m.v1) / 0.1) ** 1.6 * m.s1, rtol=0, atol=1e-9)
 
@@ -425,7 +441,7 @@ def test_friction_of_a_rigid_drive_grows_with_the_motor_s_force():
     out = run(around(RIGID, with_sizes(load_dependent_friction={"mu": 0.05})), v=0.02)
     own = np.asarray(RIGID.inverse(out.motor, out.load)[0]) - np.asarray(out.force)
     s = np.tanh(np.asarray(out.motor.v) / V_EPS)
-    np.testing.assert_allclose(own, -0.05 * np.abs(out.force) * s, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(own, -0.05 * (np.hypot(out.force, 1.0) - 1.0) * s, rtol=0, atol=1e-9)
 
 
 def test_pulses_of_other_shapes_have_the_impulse_of_their_shape():
@@ -720,8 +736,17 @@ def test_a_train_of_pulses_is_found_in_what_is_left_over():
     k = np.arange(2000)
     force = 0.5 * rng.normal(size=2000) - 12.0 * ((k >= 300) & ((k - 300) % 500 < 60))
     trains = pulses_in(force, DT)
-    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5), rtol=0.05) for train in trains), trains
+    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5, 1.0), rtol=0.05) for train in trains), trains
     assert pulses_in(np.zeros(2000), DT) == []
+
+
+def test_pulses_whose_signs_alternate_are_one_train():
+    rng = np.random.default_rng(1)
+    k = np.arange(2000)
+    sign = np.where((k - 300) // 500 % 2 == 0, 1.0, -1.0)
+    force = 0.5 * rng.normal(size=2000) - 12.0 * sign * ((k >= 300) & ((k - 300) % 500 < 60))
+    trains = pulses_in(force, DT)
+    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5, -1.0), rtol=0.05) for train in trains), trains
 
 
 # -- the continuous loop -----------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Effects from outside the machine: N on the load side."""
 
+import itertools
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -54,7 +55,8 @@ class CableSpring(AbstractEffect):
 class DisturbancePulses(AbstractEffect):
     """A sin(pi u)^n, u = (t - t0) / width within a pulse: forces that come and go every `period`; null A = 0.
 
-    n = 0 is a rectangle, 1 half a sine, 2 a raised cosine.
+    n = 0 is a rectangle, 1 half a sine, 2 a raised cosine. Every second pulse is `odd` times as large: -1 where their
+    signs alternate.
     """
 
     block: ClassVar[Block] = Block.ENVIRONMENT
@@ -69,6 +71,7 @@ class DisturbancePulses(AbstractEffect):
     width: Scalar = param("s", scale=0.02, lower=2e-3, upper=5.0, default=0.2)
     period: Scalar = param("s", scale=0.05, lower=0.05, upper=1e3, default=1e3)
     n: Scalar = param("1", scale=1.0, lower=0.0, upper=3.0, default=0.0)
+    odd: Scalar = param("1", scale=1.0, lower=-2.0, upper=2.0, default=1.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         since, dt = signals.held_since, signals.dt
@@ -77,44 +80,58 @@ class DisturbancePulses(AbstractEffect):
         begin = self.t0 + k * self.period
         u = jnp.clip((since + 0.5 * dt - begin) / self.width, 1e-3, 1 - 1e-3)
         profile = jnp.exp(self.n * jnp.log(jnp.sin(jnp.pi * u)))
-        return self.A * profile * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
+        A = self.A * jnp.where(k % 2 == 0, 1.0, self.odd)
+        return A * profile * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
             Probe(
                 {"A": size * peak},
-                {"t0": t0 - wider * width, "width": (1 + 2 * wider) * width, "period": period, "n": n},
+                {"t0": t0 - wider * width, "width": (1 + 2 * wider) * width, "period": period, "n": n, "odd": odd},
             )
-            for size, t0, width, period in pulses_in(bench.disturbance, bench.dt)
+            for size, t0, width, period, odd in pulses_in(bench.disturbance, bench.dt)
             for n, peak, wider in ((0.0, 1.0, 0.0), (1.0, 1.3, 0.15))
         )
 
 
-def pulses_in(force: np.ndarray, dt: float) -> list[tuple[float, float, float, float]]:
-    """(size N, first onset s, width s, period s) of trains that stand out of a disturbance; best first, at most four.
+def pulses_in(force: np.ndarray, dt: float) -> list[tuple[float, float, float, float, float]]:
+    """(size N, first onset s, width s, period s, share of odd ones) of trains that stand out of a disturbance.
 
-    Every interval where the force is far from its median is a pulse; trains are tried from the largest ones.
+    Every interval where the force is far from its median is a pulse. Pulses of one sign are tried as a train and the
+    largest alone, then those of both signs in turn.
     """
     if len(force) < 10 or not np.any(force):
         return []
     level = np.median(force)
     spread = 1.4826 * np.median(np.abs(force - level))
+    least = max(4 * spread, 0.25 * np.max(np.abs(force - level)))
     found = []
-    for sign in (1.0, -1.0):
-        high = sign * (force - level) > max(4 * spread, 0.25 * np.max(np.abs(force - level)))
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
-        spans = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * dt > 5e-3]
+    for signs in ((1.0,), (-1.0,), (1.0, -1.0)):
+        spans = sorted(
+            (a, b, sign) for sign in signs for a, b in _stretches(sign * (force - level) > least) if (b - a) * dt > 5e-3
+        )
         if not spans:
             continue
-        weight = [float(np.sum(sign * (force[a:b] - level))) for a, b in spans]
+        weight = [float(np.sum(sign * (force[a:b] - level))) for a, b, sign in spans]
         strong = [s for s, w in zip(spans, weight, strict=True) if w > 0.3 * max(weight)]
-        onset = np.array([a for a, _ in strong]) * dt
-        width = float(np.median([b - a for a, b in strong])) * dt
-        size = sign * float(np.mean([sign * np.mean(force[a:b] - level) for a, b in strong]))
-        largest = spans[int(np.argmax(weight))]
-        found.append((size, float(largest[0] * dt), float(largest[1] - largest[0]) * dt, 1e3))
-        if len(onset) > 1:
-            gaps = np.diff(onset)
-            period = float(np.median(gaps[gaps > width])) if np.any(gaps > width) else 1e3
-            found.append((size, float(onset[0]), width, max(period, 1.05 * width)))
-    return found[:4]
+        onset = np.array([a for a, *_ in strong]) * dt
+        width = float(np.median([b - a for a, b, _ in strong])) * dt
+        size = strong[0][2] * float(np.mean([sign * np.mean(force[a:b] - level) for a, b, sign in strong]))
+        gaps = np.diff(onset)
+        period = max(float(np.median(gaps[gaps > width])) if np.any(gaps > width) else 1e3, 1.05 * width)
+        if len(signs) == 2:
+            turns = [one[2] != two[2] for one, two in itertools.pairwise(strong)]
+            if turns and np.mean(turns) > 0.5:
+                found.append((size, float(onset[0]), width, period, -1.0))
+            continue
+        a, b, _ = spans[int(np.argmax(weight))]
+        found.append((size, float(a * dt), float(b - a) * dt, 1e3, 1.0))
+        if len(strong) > 1:
+            found.append((size, float(onset[0]), width, period, 1.0))
+    return found[:6]
+
+
+def _stretches(high: np.ndarray) -> list[tuple[int, int]]:
+    """First and past-the-last sample of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -13,34 +13,40 @@ from ._law import power, turn
 
 
 class AbstractGripEffect(AbstractEffect):
-    """A friction g(q, v) s of the motor side: it opposes the motion like Coulomb friction, and at rest it holds.
+    """A friction g(q, v) s that opposes the motion like Coulomb friction, and at rest holds.
 
-    Which side rubs shows only near the mode: the deflection is micrometres.
+    `load_share` of it rubs on the load side, the rest on the motor side. Which one shows near the mode and where
+    friction holds; the deflection itself is micrometres, so q and v are the motor's for both.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
+    load_share: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.5)
 
     @abc.abstractmethod
     def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         """g (N) at q (m) and v (m/s) of the motor side."""
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
-        return Forces(grip_motor=self.grip(signals.q1, signals.v1, signals)), x
+        g = self.grip(signals.q1, signals.v1, signals)
+        share = jnp.where(signals.stiffness == 0, 0.0, self.load_share)  # a rigid drive has one side
+        return Forces(grip_motor=(1 - share) * g, grip_load=share * g), x
 
 
 class AsymmetricCoulomb(AbstractEffect):
-    """f = dFc s^2: Coulomb friction larger in one direction, none at rest; null dFc = 0."""
+    """f = dFc |v| / (|v| + v0): Coulomb friction larger in one direction, none at rest; null dFc = 0."""
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_coulomb"
-    equation: ClassVar[str] = "-dFc |s|"
+    equation: ClassVar[str] = "-dFc |v| / (|v| + v0)"
     size: ClassVar[str] = "1-5 N"
     twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFc: Scalar = param("N", scale=2.0, default=0.0)
+    v0: Scalar = param("m/s", scale=3e-4, lower=1e-5, upper=5e-3, default=3e-4)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        return -self.dFc * signals.s1 * signals.s1, x
+        speed = jnp.abs(signals.v1)
+        return -self.dFc * speed / (speed + self.v0), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFc": 2.0}),)
@@ -182,20 +188,21 @@ class LeadFriction(AbstractGripEffect):
 
 
 class LoadDependentFriction(AbstractGripEffect):
-    """f = mu |K12 delta| s: friction that grows with the force transmitted; null mu = 0.
+    """f = mu (sqrt(F^2 + Fp^2) - Fp) s, F = K12 delta: friction that grows with the force transmitted; null mu = 0.
 
-    A rigid drive has no such force of its own: the motor's force stands in for it.
+    Fp is the preload, up to which it hardly does. A rigid drive has no such force of its own: the motor's stands in.
     """
 
     name: ClassVar[str] = "load_dependent_friction"
-    equation: ClassVar[str] = "-mu |K12 delta| s"
+    equation: ClassVar[str] = "-mu (sqrt((K12 delta)^2 + Fp^2) - Fp) s"
     size: ClassVar[str] = "0.02-0.15"
     source: ClassVar[str] = "friction of the screw's flanks"
     mu: Scalar = param("1", scale=0.05, lower=-0.6, upper=0.6, default=0.0)
+    preload: Scalar = param("N", scale=20.0, lower=0.1, upper=200.0, default=1.0)
 
     def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         transmitted = jnp.where(signals.stiffness == 0, signals.force, signals.coupling)
-        return self.mu * jnp.abs(transmitted)
+        return self.mu * (jnp.hypot(transmitted, self.preload) - self.preload)
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"mu": 0.05}),)
@@ -241,9 +248,10 @@ class FrictionDrift(AbstractEffect):
 
 
 class Presliding(AbstractEffect):
-    """Coulomb friction of the motor side, Fc s(v), becomes a bristle's: Fc z + sigma1 z_s z', z' = (v - |v| z) / z_s.
+    """A share of Coulomb friction, Fc s(v), becomes a bristle's: Fc z + sigma1 z_s z', z' = (v - |v| z) / z_s.
 
-    z = F / Fc, so that z_s = Fc / sigma0 is the deflection at break-away. Null share = 0; all of it is 1.
+    z = F / Fc, so that z_s = Fc / sigma0 is the deflection at break-away. `share` is that of the motor side's friction,
+    `load` that of the load side's, on one bristle: the sides differ by micrometres. Null: neither; 1 is all of it.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
@@ -254,6 +262,7 @@ class Presliding(AbstractEffect):
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
     family: ClassVar[str] = "friction"
     share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
+    load: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
     z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
     sigma1: Scalar = param("N s/m", scale=100.0, lower=-200.0, upper=600.0, default=0.0)
 
@@ -264,10 +273,17 @@ class Presliding(AbstractEffect):
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
         bend = jnp.maximum(self.z_s, 0.5 * jnp.abs(signals.v1) * signals.dt)
         rate = (signals.v1 - jnp.abs(signals.v1) * x) / bend
-        bristle = signals.level1 * x + self.sigma1 * self.z_s * rate
-        return Forces(motor=-self.share * bristle, grip_motor=-self.share * signals.level1), rate
+        one, two = self.share * signals.level1, self.load * signals.level2
+        damping = self.sigma1 * self.z_s * rate
+        return Forces(
+            motor=-one * x - self.share * damping,
+            load=-two * x - self.load * damping,
+            grip_motor=-one,
+            grip_load=-two,
+        ), rate
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
-            Probe({"share": 1.0}, {"z_s": z, "sigma1": 50.0}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
+            Probe({"share": 1.0, "load": 1.0}, {"z_s": z, "sigma1": 50.0}, linear=False)
+            for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
         )

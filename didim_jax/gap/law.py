@@ -33,11 +33,15 @@ _TAPS = 8
 
 
 class Pulse(NamedTuple):
-    """Volts added to the law's output from `on` (first sample with them) to `off` (first without), s of the record."""
+    """Volts added to the law's output from `on` (first sample with them) to `off` (first without), s of the record.
+
+    `shape` is their course, one number a sample, as a share of `volts`; None for a rectangle.
+    """
 
     on: float
     off: float
     volts: float
+    shape: np.ndarray | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,10 +125,14 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
 
     explanations = [_explain(effects, r, P, V, c.sample_time) for effects in _CANDIDATES]
     spans: list[tuple[int, int]] = []
+    shapes: list[np.ndarray] = []
     if rms_band * _unexplained(explanations) > RELEVANT * commanded:
         spans = _pulses(r, [P, P + V, *_delayed(V)], smallest=0.005 * _rms(recording.vir))
-    if spans:
         shapes = _shapes(spans, len(r))
+        if not spans:
+            spans = _rounded(r, smallest=0.005 * _rms(recording.vir))
+            shapes = [shape * r / _peak(r[a:b]) for shape, (a, b) in zip(_shapes(spans, len(r)), spans, strict=True)]
+    if spans:
         explanations += [_explain((*e, _PULSES), r, P, V, c.sample_time, shapes) for e in _CANDIDATES]
 
     counting = _counting(encoder_grid(recording, machine) or machine.encoder.resolution, machine, low)
@@ -147,7 +155,15 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     times = np.append(recording.t, recording.t[-1] + c.sample_time)
     # What is on at the first sample whose law is known was on before; likewise at the last.
     rows = [(first + a if a else 0, first + b if b < len(r) else n) for a, b in spans]
-    pulses = [Pulse(float(times[a]), float(times[b]), volts[f"{_PULSES}.A{i}"]) for i, (a, b) in enumerate(rows)]
+    pulses = [
+        Pulse(
+            float(times[a]),
+            float(times[b]),
+            volts[f"{_PULSES}.A{i}"],
+            None if np.isin(shape, (0.0, 1.0)).all() else np.interp(np.arange(a, b) - first, np.arange(len(r)), shape),
+        )
+        for i, ((a, b), shape) in enumerate(zip(rows, shapes, strict=True))
+    ]
     return dataclasses.replace(found, pulses=tuple(pulses))
 
 
@@ -296,6 +312,7 @@ def _delayed(V: np.ndarray) -> list[np.ndarray]:
 # -- pulses --------------------------------------------------------------------------------------------------------
 
 _WINDOW = 5  # samples on either side of an edge; a shorter pulse is not found
+_MOST_PULSES = 30
 
 
 def _pulses(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tuple[int, int]]:
@@ -318,6 +335,30 @@ def _pulses(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tupl
     with_them = _rms(_solve([*free, *_shapes(spans, len(r))], r)[1])
     # rectangles must be most of it: anything can be cut into enough steps
     return spans if with_them < 0.5 * without else []
+
+
+def _rounded(r: np.ndarray, smallest: float) -> list[tuple[int, int]]:
+    """Rows [on, off) of pulses that come and go smoothly: stretches far above a law that is met everywhere else."""
+    quiet = 1.4826 * float(np.median(np.abs(r - np.median(r))))
+    high = np.abs(r) > max(6 * quiet, 0.05 * float(np.max(np.abs(r))))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
+    merged: list[tuple[int, int]] = []
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if merged and a - merged[-1][1] < 2 * _WINDOW:
+            merged[-1] = (merged[-1][0], b)
+        else:
+            merged.append((a, b))
+    spans = [(a, b) for a, b in merged if b - a >= 2 * _WINDOW and abs(_peak(r[a:b])) > smallest]
+    held = sum(float(r[a:b] @ r[a:b]) for a, b in spans)
+    lasting = sum(b - a for a, b in spans)
+    # Few and far apart, and all there is: a law of another form would be missed whenever the axis moves.
+    few = 0 < len(spans) <= _MOST_PULSES and lasting < 0.4 * len(r)
+    return spans if few and held > 0.98 * float(r @ r) else []
+
+
+def _peak(x: np.ndarray) -> float:
+    """The value furthest from zero."""
+    return float(x[np.argmax(np.abs(x))])
 
 
 def _plateaus(x: np.ndarray, smallest: float) -> list[tuple[int, int]]:

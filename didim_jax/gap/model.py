@@ -9,7 +9,6 @@ nothing, so that few combinations compile anew.
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,9 +18,9 @@ from jax import Array
 
 from ..effects import AbstractEffect
 from ..params import Parameter, pack, parameters, unpack
-from ..plant import AbstractPlant
 from ..simulate import Excitation, SampledLoop, Start, simulate
 from ..sliding import Sliding
+from .rounded import with_sign
 
 SOLVER = Sliding()
 SUBSTEPS = 4
@@ -75,8 +74,8 @@ class _Traced(eqx.Module):
         plant_parameters = parameters(chain.plant)
         at = len(plant_parameters)
         plant = unpack(chain.plant, values[:at])
-        plant = _with_sharpness(plant, values[at])
-        at += 1
+        plant = with_sign(plant, values[at], values[at + 1])
+        at += 2
         effects = []
         for effect in chain.effects:
             chosen = parameters(effect)
@@ -87,15 +86,6 @@ class _Traced(eqx.Module):
         shift = values[at:]
         out = simulate(loop, self.excitation, Start(self.start.plant + shift[:k], self.start.memory + shift[k:]))
         return jnp.stack([out.tau, out.load.q - out.qm])
-
-
-def _with_sharpness(plant: AbstractPlant, v_eps: Array) -> AbstractPlant:
-    """The plant with this smoothing speed (m/s) in every friction it has."""
-
-    def where(p: AbstractPlant) -> list[Any]:
-        return [friction.v_eps for friction in p.frictions() if friction is not None]
-
-    return eqx.tree_at(where, plant, [v_eps] * len(where(plant)))
 
 
 @eqx.filter_jit
@@ -115,8 +105,9 @@ def _columns(traced: _Traced, x: Array, basis: Array) -> tuple[Array, Array]:
 class Model:
     """A record, the machine around a nominal plant, and every effect of the catalogue, as a function of one vector x.
 
-    x lists the plant's parameters, the smoothing speed of the friction's sign, the effects' parameters in the order of
-    the catalogue, and shifts of the initial state; it is 0 at every null, and near 1 in size at a typical value.
+    x lists the plant's parameters, smoothing speed and tail of the friction's sign, the effects' parameters in the
+    order of the catalogue, and shifts of the initial state; it is 0 at every null, and near 1 in size at a typical
+    value.
     """
 
     def __init__(
@@ -234,6 +225,7 @@ def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start)
     found = [_entry("", p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
     found = [dataclasses.replace(e, null=0.0, lower=-np.inf, upper=np.inf) for e in found]
     found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-6, 2e-2, logarithmic=True))
+    found.append(Entry("", "tail", "1", 0.1, 0.0, 0.0, 0.8))
     for effect in effects:
         values = pack(effect).tolist()
         found += [_entry(effect.label(), p, v) for p, v in zip(parameters(effect), values, strict=True)]

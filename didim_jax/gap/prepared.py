@@ -7,12 +7,13 @@ import numpy as np
 
 from ..effects import AbstractEffect, Bench
 from ..machine import Machine
-from ..plant import AbstractPlant, CoulombViscous, FlexibleDrive, RigidDrive
+from ..plant import AbstractPlant, FlexibleDrive, RigidDrive
 from ..recording import Recording
 from ..rig import excitation, first_state, sampled_loop
 from ..signals import Decimation, LowPass, central_difference
 from .model import SOLVER, SUBSTEPS, Model
 from .noise import SLOW_SHARE, Whitening
+from .rounded import RoundedCoulombViscous
 
 CUTOFF_HZ = 60.0
 """Band in which simulation and machine are compared, as the contract has it."""
@@ -68,7 +69,7 @@ class Prepared:
 
 def nominal(model: str) -> AbstractPlant:
     """A plant of the documented kind; its numbers are placeholders that a fit replaces."""
-    friction = CoulombViscous(100.0, 10.0, 3e-4)
+    friction = RoundedCoulombViscous(100.0, 10.0)
     return RigidDrive(100.0, friction) if model == "rigid" else FlexibleDrive(60.0, friction, 40.0, friction, 9e5)
 
 

@@ -42,7 +42,8 @@ class Readings:
         volts = np.zeros(len(recording)) if recording.injected is None else np.array(recording.injected)
         t = recording.t - recording.t[0]
         for pulse in self.pulses[record]:
-            volts[(t >= pulse.on - 0.5 * recording.dt) & (t < pulse.off - 0.5 * recording.dt)] += pulse.volts
+            inside = (t >= pulse.on - 0.5 * recording.dt) & (t < pulse.off - 0.5 * recording.dt)
+            volts[inside] += pulse.volts * (1.0 if pulse.shape is None else pulse.shape)
         return dataclasses.replace(recording, injected=volts)
 
 
