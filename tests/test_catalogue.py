@@ -362,7 +362,10 @@ LAWS: dict[str, tuple[dict[str, float], Any]] = {
         {"dFc": 2.0, "v0": 1e-3},
         lambda m: (-2 * np.abs(m.v1) / (np.abs(m.v1) + 1e-3), 0),
     ),
-    "asymmetric_viscous": ({"dFv": 30.0}, lambda m: (-30 * np.abs(m.v1), 0)),
+    "asymmetric_viscous": (
+        {"dFv": 30.0, "v0": 5e-3},
+        lambda m: (-30 * (np.abs(m.v1) - 5e-3 * (1 - np.exp(-np.abs(m.v1) / 5e-3))), 0),
+    ),
     "stribeck": (
         {"dFs": 4.0, "vs": 0.01, "a": 1.5, "load_share": 0.3},
         lambda m: m.rubs(4 * np.exp(-((np.abs(m.v1) / 0.01) ** 1.5)), 0.3),
@@ -390,8 +393,11 @@ LAWS: dict[str, tuple[dict[str, float], Any]] = {
     ),
     "coupling_damping": ({"C": 300.0}, lambda m: (300 * (m.v2 - m.v1), -300 * (m.v2 - m.v1))),
     "cubic_stiffness": (
-        {"k3": 0.05},
-        lambda m: (8.8e5 * 0.05 * m.delta**3 / 5e-5**2, -8.8e5 * 0.05 * m.delta**3 / 5e-5**2),
+        {"k3": 0.05, "reach": 6e-5},
+        lambda m: (
+            8.8e5 * 0.05 * m.delta**3 / 5e-5**2 / (1 + (m.delta / 6e-5) ** 2),
+            -8.8e5 * 0.05 * m.delta**3 / 5e-5**2 / (1 + (m.delta / 6e-5) ** 2),
+        ),
     ),
     "backlash": (
         {"b": 5e-6},

@@ -67,7 +67,14 @@ def test_a_residual_that_is_all_but_zero_has_a_finite_likelihood():
 
 def test_bursts_are_found_and_noise_has_none():
     draw = np.random.default_rng(6)
-    noise = draw.normal(size=(200, N))
-    assert np.mean([bursts(x, DT) > 0.05 for x in noise]) < 0.05
+    noise, moves = draw.normal(size=(200, N)), np.linspace(0.0, 0.1, N)
+    assert np.mean([bursts(x, moves, DT) > 0.05 for x in noise]) < 0.05
     noise[:, 300:320] *= 8
-    assert np.mean([bursts(x, DT) > 0.3 for x in noise]) > 0.95
+    assert np.mean([bursts(x, moves, DT) > 0.3 for x in noise]) > 0.95
+
+
+def test_silence_at_rest_is_no_quiet_noise():
+    draw = np.random.default_rng(7)
+    rests = np.concatenate([np.zeros(N // 2), np.linspace(0.0, 0.1, N - N // 2)])
+    noise = draw.normal(size=(200, N)) * np.where(np.arange(N) < N // 2, 0.1, 1.0)
+    assert np.mean([bursts(x, rests, DT) > 0.05 for x in noise]) < 0.05

@@ -11,7 +11,7 @@ from jax import Array
 from .._types import Scalar
 from ..params import param, setting
 from ._base import AbstractEffect, Bench, Block, Probe, Signals
-from ._law import remembered, turn
+from ._law import power, remembered, turn
 
 _LONGEST_DELAY = 6
 """Samples that a delay may have."""
@@ -125,19 +125,26 @@ class AmplifierDeadZone(AbstractEffect):
 
 
 class GainNonlinearity(AbstractEffect):
-    """tau = g vir (1 - k |vir|); null k = 0."""
+    """tau = g vir (1 - k V (|vir| / V)^p), V = 3 V; null k = 0.
+
+    p = 1 loses k per volt, p = 2 is the beginning of a hyperbolic tangent.
+    """
 
     block: ClassVar[Block] = Block.ACTUATOR
     name: ClassVar[str] = "gain_nonlinearity"
-    equation: ClassVar[str] = "tau = g vir (1 - k |vir|)"
+    equation: ClassVar[str] = "tau = g vir (1 - k V (|vir| / V)^p), V = 3 V"
     size: ClassVar[str] = "0-3 %/V"
     source: ClassVar[str] = "saturating magnetic circuit"
     sampled: ClassVar[bool] = True
     k: Scalar = param("1/V", scale=0.01, lower=-0.09, upper=0.09, default=0.0)
+    p: Scalar = param("1", scale=0.5, lower=0.5, upper=3.0, default=1.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         u = signals.incoming
-        return -self.k * u * jnp.abs(u) / signals.gain, x
+        return -self.k * _BEND * power(u / signals.gain, _BEND, self.p) * u, x
+
+
+_BEND = 3.0  # V
 
 
 class DriveGain(AbstractEffect):

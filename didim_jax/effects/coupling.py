@@ -27,18 +27,26 @@ class CouplingDamping(AbstractEffect):
 
 
 class CubicStiffness(AbstractEffect):
-    """F12 = K12 delta (1 + k3 (delta / 50 um)^2), k3 < 0 allowed; null k3 = 0."""
+    """F12 = K12 delta (1 + k3 u^2 / (1 + (delta / reach)^2)), u = delta / 50 um; k3 < 0 allowed; null k3 = 0.
+
+    A long reach is a cubic spring; beyond a short one the stiffness is another, and constant.
+    """
 
     block: ClassVar[Block] = Block.COUPLING
     name: ClassVar[str] = "cubic_stiffness"
-    equation: ClassVar[str] = "K12 delta (1 + k3 (delta / 50 um)^2)"
+    equation: ClassVar[str] = "K12 delta (1 + k3 (delta / 50 um)^2 / (1 + (delta / reach)^2))"
     size: ClassVar[str] = "0.01-0.4"
     twins: ClassVar[tuple[str, ...]] = ("backlash",)
     source: ClassVar[str] = "hardening coupling"
-    k3: Scalar = param("1", scale=0.03, lower=-0.1, upper=3.0, default=0.0)
+    k3: Scalar = param("1", scale=0.03, lower=-1.0, upper=3.0, default=0.0)
+    reach: Scalar = param("m", scale=1e-4, lower=2e-5, upper=5e-3, default=1e-3)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        return self.k3 * signals.stiffness * signals.deflection * (signals.deflection / 5e-5) ** 2, x
+        d = signals.deflection
+        return self.k3 * signals.stiffness * d * (d / 5e-5) ** 2 / (1 + (d / self.reach) ** 2), x
+
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return Probe({"k3": 0.03}, {"reach": 1e-3}), Probe({"k3": 0.1}, {"reach": 6e-5})
 
 
 class Backlash(AbstractEffect):

@@ -53,18 +53,20 @@ class AsymmetricCoulomb(AbstractEffect):
 
 
 class AsymmetricViscous(AbstractEffect):
-    """f = dFv |v|: viscous friction larger in one direction; null dFv = 0."""
+    """f = dFv (|v| - v0 (1 - e^(-|v| / v0))): viscous friction larger in one direction, from v0 on; null dFv = 0."""
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_viscous"
-    equation: ClassVar[str] = "-dFv |v|"
+    equation: ClassVar[str] = "-dFv (|v| - v0 (1 - exp(-|v| / v0)))"
     size: ClassVar[str] = "15-60 N s/m"
     twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
+    v0: Scalar = param("m/s", scale=3e-3, lower=1e-5, upper=0.03, default=1e-4)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        return -self.dFv * jnp.abs(signals.v1), x
+        speed = jnp.abs(signals.v1)
+        return -self.dFv * (speed + self.v0 * jnp.expm1(-speed / self.v0)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFv": 30.0}),)

@@ -9,8 +9,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-RELEVANT = 0.12
-"""Share of the residual energy that an effect must close to be worth a name."""
+RELEVANT, BESIDE = 0.06, 0.12
+"""Share of the residual energy that an effect must close to be worth a name, alone and beside others."""
 
 LEFT = 0.12
 """Share of the explainable gap, left by all effects found, at which something else is as likely as not."""
@@ -18,14 +18,17 @@ LEFT = 0.12
 STRUCTURED = 0.1
 """Share of the last residual that must not be noise for that."""
 
-ODD = 0.2
+ODD = 0.14
 """The same where nothing was found."""
 
 DRIFT = 0.9
 """Slow part of the last residual against the rest, at which it is as likely as not that no drift of a machine is it."""
 
 TEMPERATURE = 2.0
-"""Laws are not exact and noise is not as it is modelled: log-likelihoods are worth this many times less."""
+"""Noise is not as it is modelled: log-likelihoods are worth this many times less."""
+
+INEXACT = 0.01
+"""Nor are laws: by this share of what the best effect raises the log-likelihood by, it is worth less again."""
 
 PENALTY = 3.0
 """Log-likelihood that a parameter costs: half the logarithm of some four hundred independent samples."""
@@ -46,7 +49,8 @@ class Evidence:
     @property
     def weight(self) -> np.ndarray:
         """Tempered, and less what the parameters cost, (n_effects,)."""
-        return (self.log_likelihood - PENALTY * self.parameters) / TEMPERATURE
+        rise = max(float(np.max(self.log_likelihood, initial=self.before)) - self.before, 0.0)
+        return (self.log_likelihood - PENALTY * self.parameters) / (TEMPERATURE + INEXACT * rise)
 
 
 NOTHING = Evidence((), np.zeros(0), np.zeros(0), 0.0)
@@ -82,7 +86,7 @@ def logistic(z: float) -> float:
 
 def none(gain: float) -> float:
     """Probability that there is no gap worth a name, from the share of residual energy that the best effect closes."""
-    return logistic(60.0 * (RELEVANT - gain))
+    return logistic(100.0 * (RELEVANT - gain))
 
 
 def other(left: float, structured: float, drift: float, law_left: float) -> float:

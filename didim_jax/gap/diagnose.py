@@ -2,10 +2,11 @@
 
 import dataclasses
 from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 import numpy as np
 
-from ..effects import AbstractEffect, Bench
+from ..effects import AbstractEffect, Bench, Block
 from ..hygiene import admit
 from ..machine import Machine
 from ..recording import Recording
@@ -95,13 +96,14 @@ def diagnose(
             share, interval = closed(second, was, now, floor)
         remarks += [f"{name} is {value:.4g} on the check record, its own." for name, value in moved.items()]
 
+    estimates = parameters(searcher, found, read, verdict.effects, once)
     return Diagnosis(
         verdict=verdict.verdict,
         effects=verdict.effects,
         ambiguous_with=verdict.groups,
         ranking=tuple(verdict.ranking.items()),
-        parameters=parameters(searcher, found, read, verdict.effects, once),
-        block=_block(searcher, verdict, read),
+        parameters=estimates,
+        block=_block(searcher, verdict, read, estimates),
         base=base_shifts(searcher, found),
         gap=gaps,
         share=share,
@@ -155,10 +157,14 @@ def _run(record: Prepared, recording: Recording, before: np.ndarray, after: np.n
     return Run(recording.name, record.model.dt * np.arange(record.model.n), recording.tau, before[0], after[0])
 
 
-def _block(searcher: Searcher, verdict: Verdict, read: Readings) -> str | None:
-    """Block of the first effect; pulses behind the control law enter at the drive."""
+def _block(searcher: Searcher, verdict: Verdict, read: Readings, found: dict[str, dict[str, Any]]) -> str | None:
+    """Block of the first effect; pulses behind the control law enter at the drive, friction may rub on the load."""
     if not verdict.effects:
         return None
-    if verdict.effects[0] == PULSES and any(read.pulses):
+    first = verdict.effects[0]
+    if first == PULSES and any(read.pulses):
         return "actuator"
-    return next(e.block.value for e in searcher.model.effects if e.label() == verdict.effects[0])
+    share = found[first].get("load_share")
+    if share is not None and share["value"] - 2 * share["std"] > 0.5:
+        return Block.LOAD_SIDE.value
+    return next(e.block.value for e in searcher.model.effects if e.label() == first)

@@ -18,10 +18,12 @@ SHARE = 0.02
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
 WORTH = 0.04
 """Share that a further effect's score must promise to be tried where what is left looks like noise."""
-CERTAIN = 8.0
-"""Rise of the log-likelihood that noise does not give, whichever of all effects is looked for."""
+CERTAIN = 5.0
+"""Rise of the log-likelihood, less the penalty, that noise does not give, whichever of all effects is looked for."""
 CLOSE = 6.0
 """Differences of it that decide nothing: the one that closes more of the gap comes first."""
+SIMPLER = 0.02
+"""Share of the energy left that a parameter must be worth in that."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 BLOCK_S = 0.5
@@ -77,12 +79,13 @@ def hunt(
         steps.append(step)
         if not step.refits:
             break
-        worth = [r for r in step.refits if gain(searcher, last, r.fit) >= decide.RELEVANT and not _usual(searcher, r)]
+        least = decide.BESIDE if adopted else decide.RELEVANT
+        worth = [r for r in step.refits if gain(searcher, last, r) >= least and not _usual(searcher, r)]
         tried = _ordered(searcher, worth)[:TRIED]
         best = next((r for r in tried if _gains_elsewhere(searcher, last, r, adopted)), None)
         if best is None:
             break
-        say(f"{best.effect}: {100 * gain(searcher, last, best.fit):.0f} % of what was left")
+        say(f"{best.effect}: {100 * gain(searcher, last, best):.0f} % of what was left")
         adopted = (*adopted, best.effect)
         last = _settle(searcher, best, adopted)
         stages.append((best.effect, last))
@@ -102,14 +105,19 @@ def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
     return atlas(record.t, residual, q, v, a, qg, record.model.dt * record.decimation.factor, record.bench.lead)
 
 
-def gain(searcher: Searcher, before: Fit, after: Fit) -> float:
-    """Share of the force residual's energy that a fit closes; hardly any where noise alone could have given it.
+def gain(searcher: Searcher, before: Fit, refit: Refit) -> float:
+    """Share of the force residual's energy that a refit closes; hardly any where noise alone could have given it.
 
     Energy says what matters; the likelihood, in which a slow drift weighs little, what is certain.
     """
-    share = 1 - energy(after) / energy(before)
-    certain = searcher.log_likelihood(after) - searcher.log_likelihood(before) > CERTAIN
-    return share if certain else min(share, 0.3 * decide.RELEVANT)
+    share = 1 - energy(refit.fit) / energy(before)
+    rise = _likely(searcher, refit) - searcher.log_likelihood(before)
+    return share if rise > CERTAIN else min(share, 0.3 * decide.RELEVANT)
+
+
+def _likely(searcher: Searcher, refit: Refit) -> float:
+    """Log-likelihood with the effect, less what its parameters cost."""
+    return searcher.log_likelihood(refit.fit) - decide.PENALTY * len(searcher.model.of(refit.effect))
 
 
 def energy(fit: Fit) -> float:
@@ -119,11 +127,15 @@ def energy(fit: Fit) -> float:
 
 def _ordered(searcher: Searcher, refits: Sequence[Refit]) -> list[Refit]:
     """Likeliest first, but of those as likely as the best the one that leaves the least energy."""
-    likely = {r.effect: searcher.log_likelihood(r.fit) for r in refits}
+    likely = {r.effect: _likely(searcher, r) for r in refits}
     best = max(likely.values(), default=0.0)
     near = [r for r in refits if likely[r.effect] > best - CLOSE]
     far = [r for r in refits if likely[r.effect] <= best - CLOSE]
-    return [*sorted(near, key=lambda r: energy(r.fit)), *sorted(far, key=lambda r: -likely[r.effect])]
+
+    def left(r: Refit) -> float:
+        return energy(r.fit) * (1 + SIMPLER * len(searcher.model.of(r.effect)))
+
+    return [*sorted(near, key=left), *sorted(far, key=lambda r: -likely[r.effect])]
 
 
 def _usual(searcher: Searcher, refit: Refit) -> bool:
@@ -189,7 +201,7 @@ def _eliminate(
             for n in adopted
             if n not in read
             and len(adopted) > 1
-            and (last_in[n] < SHARE or 1 - energy(last) / energy(without[n]) < decide.RELEVANT)
+            and (last_in[n] < SHARE or 1 - energy(last) / energy(without[n]) < decide.BESIDE)
         ]
         if not superfluous:
             return adopted, last, last_in

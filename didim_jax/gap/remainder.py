@@ -46,20 +46,28 @@ def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     white = noise.whitening(len(residual), dt)(residual)
     q, v, a, qg = motion(record)
     followed = atlas(record.t, white, q, v, a, qg, dt, record.bench.lead).closed
-    return Remainder(followed, bursts(white, dt), noise.slow / noise.sigma)
+    return Remainder(followed, bursts(white, qg, dt), noise.slow / noise.sigma)
 
 
-def bursts(white: np.ndarray, dt: float) -> float:
-    """Share of the energy of white noise that a few windows hold beyond what is quiet; (n,) every dt s."""
+def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
+    """Share of the energy of white noise that a few windows hold beyond what is quiet while the axis moves.
+
+    (n,) every dt s. At rest friction holds against noise, too: such windows say nothing of what is quiet.
+    """
     length = max(1, round(WINDOW_S / dt))
     count = len(white) // length
-    if count < 5:
+    rows = np.arange(count * length).reshape(count, length)
+    moving = np.ptp(reference[rows], axis=1) > _REST * np.ptp(reference)
+    if np.count_nonzero(moving) < 5:
         return 0.0
-    energies = np.sum(white[: count * length].reshape(count, length) ** 2, axis=1)
+    energies = np.sum(white[rows[moving]] ** 2, axis=1)
     quiet = float(np.quantile(energies, QUIET)) / _QUIET_SHARE
     loud = energies > LOUD * quiet
     return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
 
+
+_REST = 1e-3
+"""Of the stroke, below which the reference rests in a window."""
 
 _QUIET_SHARE = 0.92
 """That quantile of the energy of a window of noise, against its mean: chi-squared with some twenty degrees."""

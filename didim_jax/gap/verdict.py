@@ -42,7 +42,7 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
     if best is None and first is not None and first.refits:
         best = first.refits[0]
-    closed = 0.0 if first is None or best is None else gain(searcher, first.before, best.fit)
+    closed = 0.0 if first is None or best is None else gain(searcher, first.before, best)
     remains = rest(searcher, found.last)
     left = remains.structured * energy(found.last)
     explained = max(energy(found.nominal) - energy(found.last), 0.0)

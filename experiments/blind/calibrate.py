@@ -41,7 +41,7 @@ CALIBRATED = "calibrated.json"
 SLOPES = ("none slope", "other slope", "unknown slope")
 """Factors on the slopes of those three functions; 1 leaves them."""
 
-_HELD = ("RELEVANT",)  # steers the search: another value needs other diagnoses
+_HELD = ("RELEVANT", "BESIDE")  # steers the search: another value needs other diagnoses
 _TWIN = "TWIN"
 _FOLDS = 5
 _EVALUATIONS = 160
