@@ -229,29 +229,10 @@ def diagnose(
 
 
 def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, exclude: Sequence[str]) -> None:
-    """All cases under a bar with the time left; exit status 1 where one could not be used."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    """All cases; exit status 1 where one could not be used."""
+    from .report.many import diagnose_under_bar
 
-    from .report.many import diagnose_cases
-
-    console = Console(stderr=True)
-    bars = (TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*bars, console=console) as progress:
-        task = progress.add_task("cases", total=len(cases))
-
-        def done(case: Any, line: str) -> None:
-            progress.advance(task)
-            console.print(f"{case.name}: {line}", markup=False, highlight=False)
-
-        bad = diagnose_cases(cases, catalogue, out, exclude=exclude, threads=cores(), done=done)
+    bad = diagnose_under_bar(cases, catalogue, out, exclude=exclude)
     if bad:
         print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
         sys.exit(1)

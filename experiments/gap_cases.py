@@ -68,27 +68,15 @@ def _left_out(answers: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 
 
 def _diagnose(cases: Path, excluded: dict[str, tuple[str, ...]], out: Path) -> None:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from didim_jax.devices import cores
     from didim_jax.effects.catalogue import CATALOGUE
     from didim_jax.gap.cases import cases_in
-    from didim_jax.report.many import diagnose_cases
+    from didim_jax.report.many import diagnose_under_bar
 
     wanted = [case for case in cases_in(cases) if case.name in excluded]
     todo = [case for case in wanted if not (out / case.name / "diagnosis.json").exists()]
     out.mkdir(parents=True, exist_ok=True)
-    console = Console(stderr=True)
-    with Progress(console=console) as progress:
-        task = progress.add_task(out.name, total=len(todo))
-
-        def done(case: Any, line: str) -> None:
-            progress.advance(task)
-            console.print(f"{case.name}: {line}", markup=False, highlight=False)
-
-        # A case without a diagnosis is a wrong answer to the judge.
-        diagnose_cases(todo, CATALOGUE, out, exclude=excluded, threads=cores(), done=done)
+    # A case without a diagnosis is a wrong answer to the judge.
+    diagnose_under_bar(todo, CATALOGUE, out, exclude=excluded, label=out.name)
 
 
 def _judged(folder: Path, answers: dict[str, Any], results: Path, excluded: bool) -> dict[str, Any]:

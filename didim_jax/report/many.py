@@ -4,6 +4,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ..devices import cores
 from ..effects import AbstractEffect
 from ..errors import InputError
 from ..files import atomic_write
@@ -47,3 +51,24 @@ def diagnose_cases(
 
     with ThreadPoolExecutor(threads) as pool:
         return [name for name in pool.map(one, cases) if name is not None]
+
+
+def diagnose_under_bar(
+    cases: Sequence[Case],
+    catalogue: Sequence[type[AbstractEffect]],
+    out: Path,
+    *,
+    exclude: Collection[str] | Mapping[str, Collection[str]] = (),
+    label: str = "cases",
+) -> list[str]:
+    """The same on every core, under a bar with the time left, a line a case."""
+    console = Console(stderr=True)
+    bars = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*bars, console=console) as progress:
+        task = progress.add_task(label, total=len(cases))
+
+        def done(case: Case, line: str) -> None:
+            progress.advance(task)
+            console.print(f"{case.name}: {line}", markup=False, highlight=False)
+
+        return diagnose_cases(cases, catalogue, out, exclude=exclude, threads=cores(), done=done)

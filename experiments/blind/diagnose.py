@@ -4,10 +4,6 @@ Stopped, it goes on where it was. What was committed may be added to, never chan
 """
 
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from didim_jax.errors import InputError
 from didim_jax.report import prepare_folder
@@ -56,23 +52,11 @@ def verify_results(study: Path, complete: bool = True) -> None:
 
 
 def _diagnose(cases: Path, todo: set[str], out: Path) -> None:
-    """On every core, under a bar with the time left."""
-    from didim_jax.devices import cores
     from didim_jax.effects.catalogue import CATALOGUE
     from didim_jax.gap.cases import cases_in
-    from didim_jax.report.many import diagnose_cases
+    from didim_jax.report.many import diagnose_under_bar
 
-    console = Console(stderr=True)
-    bars = (TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*bars, console=console) as progress:
-        task = progress.add_task("cases", total=len(todo))
-
-        def done(case: Any, line: str) -> None:
-            progress.advance(task)
-            console.print(f"{case.name}: {line}", markup=False, highlight=False)
-
-        chosen = [case for case in cases_in(cases) if case.name in todo]
-        diagnose_cases(chosen, CATALOGUE, out, exclude=(), threads=cores(), done=done)
+    diagnose_under_bar([case for case in cases_in(cases) if case.name in todo], CATALOGUE, out)
 
 
 def _commits(path: Path, working: bool) -> list[str | None]:
