@@ -276,7 +276,7 @@ POINTS: dict[str, dict[str, float]] = {
     "base_flexibility": {"mu": 2e-3},
     "offset": {"F0": 2.0},
     "cable_spring": {"kc": 40.0},
-    "disturbance_pulses": {"A": 20.0, "t0": 0.0503, "width": 0.0204, "period": 0.0708, "n": 1.0},
+    "disturbance_pulses": {"A": 20.0, "t0": 0.0503, "width": 0.0204, "period": 0.0708, "n": 1.0, "count": 2.5},
 }
 
 
@@ -414,10 +414,11 @@ LAWS: dict[str, tuple[dict[str, float], Any]] = {
     "offset": ({"F0": 3.0}, lambda m: (0, np.full(N, -3.0))),
     "cable_spring": ({"kc": 60.0, "q0": 0.104}, lambda m: (0, -60 * (m.q2 - 0.104))),
     "disturbance_pulses": (
-        {"A": 20.0, "t0": 0.05, "width": 0.03, "period": 0.1, "odd": -0.5},
+        {"A": 20.0, "t0": 0.05, "width": 0.03, "period": 0.1, "odd": -0.5, "count": 2.0},
         lambda m: (
             0,
             20.0
+            * (m.t < 0.2)
             * (np.round(m.t / DT) % 100 >= 50)
             * (np.round(m.t / DT) % 100 < 80)
             * np.where(np.round(m.t / DT) // 100 % 2 == 0, 1.0, -0.5),
@@ -742,7 +743,7 @@ def test_a_train_of_pulses_is_found_in_what_is_left_over():
     k = np.arange(2000)
     force = 0.5 * rng.normal(size=2000) - 12.0 * ((k >= 300) & ((k - 300) % 500 < 60))
     trains = pulses_in(force, DT)
-    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5, 1.0), rtol=0.05) for train in trains), trains
+    assert any(np.allclose(train[:5], (-12.0, 0.3, 0.06, 0.5, 1.0), rtol=0.05) for train in trains), trains
     assert pulses_in(np.zeros(2000), DT) == []
 
 
@@ -750,9 +751,9 @@ def test_pulses_whose_signs_alternate_are_one_train():
     rng = np.random.default_rng(1)
     k = np.arange(2000)
     sign = np.where((k - 300) // 500 % 2 == 0, 1.0, -1.0)
-    force = 0.5 * rng.normal(size=2000) - 12.0 * sign * ((k >= 300) & ((k - 300) % 500 < 60))
+    force = 0.5 * rng.normal(size=2000) - 12.0 * sign * ((k >= 300) & (k < 1500) & ((k - 300) % 500 < 60))
     trains = pulses_in(force, DT)
-    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5, -1.0), rtol=0.05) for train in trains), trains
+    assert any(np.allclose(train, (-12.0, 0.3, 0.06, 0.5, -1.0, 3.0), rtol=0.05) for train in trains), trains
 
 
 # -- the continuous loop -----------------------------------------------------------------------------------------

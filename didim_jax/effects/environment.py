@@ -1,7 +1,7 @@
 """Effects from outside the machine: N on the load side."""
 
 import itertools
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,7 +56,7 @@ class DisturbancePulses(AbstractEffect):
     """A sin(pi u)^n, u = (t - t0) / width within a pulse: forces that come and go every `period`; null A = 0.
 
     n = 0 is a rectangle, 1 half a sine, 2 a raised cosine. Every second pulse is `odd` times as large: -1 where their
-    signs alternate.
+    signs alternate. There are `count` of them, the last one less where that is not whole.
     """
 
     block: ClassVar[Block] = Block.ENVIRONMENT
@@ -72,6 +72,7 @@ class DisturbancePulses(AbstractEffect):
     period: Scalar = param("s", scale=0.05, lower=0.05, upper=1e3, default=1e3)
     n: Scalar = param("1", scale=1.0, lower=0.0, upper=3.0, default=0.0)
     odd: Scalar = param("1", scale=1.0, lower=-2.0, upper=2.0, default=1.0)
+    count: Scalar = param("1", scale=1.0, lower=1.0, upper=1e3, default=1e3)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         since, dt = signals.held_since, signals.dt
@@ -80,22 +81,40 @@ class DisturbancePulses(AbstractEffect):
         begin = self.t0 + k * self.period
         u = jnp.clip((since + 0.5 * dt - begin) / self.width, 1e-3, 1 - 1e-3)
         profile = jnp.exp(self.n * jnp.log(jnp.sin(jnp.pi * u)))
-        A = self.A * jnp.where(k % 2 == 0, 1.0, self.odd)
+        A = self.A * jnp.where(k % 2 == 0, 1.0, self.odd) * jnp.clip(self.count - k, 0.0, 1.0)
         return A * profile * (passed(since, dt, begin) - passed(since, dt, begin + self.width)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
             Probe(
-                {"A": size * peak},
-                {"t0": t0 - wider * width, "width": (1 + 2 * wider) * width, "period": period, "n": n, "odd": odd},
+                {"A": train.size * peak},
+                {
+                    "t0": train.t0 - wider * train.width,
+                    "width": (1 + 2 * wider) * train.width,
+                    "period": train.period,
+                    "n": n,
+                    "odd": train.odd,
+                    "count": train.count,
+                },
             )
-            for size, t0, width, period, odd in pulses_in(bench.disturbance, bench.dt)
+            for train in pulses_in(bench.disturbance, bench.dt)
             for n, peak, wider in ((0.0, 1.0, 0.0), (1.0, 1.3, 0.15))
         )
 
 
-def pulses_in(force: np.ndarray, dt: float) -> list[tuple[float, float, float, float, float]]:
-    """(size N, first onset s, width s, period s, share of odd ones) of trains that stand out of a disturbance.
+class Train(NamedTuple):
+    """Pulses that repeat: size N, first onset s, width s, period s, share of every second one, how many."""
+
+    size: float
+    t0: float
+    width: float
+    period: float = 1e3
+    odd: float = 1.0
+    count: float = 1e3
+
+
+def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
+    """Trains of pulses that stand out of a disturbance (N, every dt s), at most six.
 
     Every interval where the force is far from its median is a pulse. Pulses of one sign are tried as a train and the
     largest alone, then those of both signs in turn.
@@ -119,15 +138,19 @@ def pulses_in(force: np.ndarray, dt: float) -> list[tuple[float, float, float, f
         size = strong[0][2] * float(np.mean([sign * np.mean(force[a:b] - level) for a, b, sign in strong]))
         gaps = np.diff(onset)
         period = max(float(np.median(gaps[gaps > width])) if np.any(gaps > width) else 1e3, 1.05 * width)
+        turns = [one[2] != two[2] for one, two in itertools.pairwise(strong)]
+        count = float(round((onset[-1] - onset[0]) / period) + 1)
+        if onset[0] + count * period + width > dt * len(force):
+            count = 1e3  # the record ends before the next one would
+        train = Train(size, float(onset[0]), width, period, -1.0 if len(signs) == 2 else 1.0, count)
         if len(signs) == 2:
-            turns = [one[2] != two[2] for one, two in itertools.pairwise(strong)]
             if turns and np.mean(turns) > 0.5:
-                found.append((size, float(onset[0]), width, period, -1.0))
+                found.append(train)
             continue
-        a, b, _ = spans[int(np.argmax(weight))]
-        found.append((size, float(a * dt), float(b - a) * dt, 1e3, 1.0))
+        a, b, sign = spans[int(np.argmax(weight))]
+        found.append(Train(sign * float(np.mean(sign * (force[a:b] - level))), float(a * dt), float(b - a) * dt))
         if len(strong) > 1:
-            found.append((size, float(onset[0]), width, period, 1.0))
+            found.append(train)
     return found[:6]
 
 

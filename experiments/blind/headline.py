@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .intervals import Rate, bootstrap, claim, rate
-from .judge import Row
+from .judge import VISIBLE, Row
 from .summary import calibration, mean, quantile
 
 
@@ -36,12 +36,14 @@ def _rates(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return [
         _rate("single, typical size: accepted", [r.accepted for r in single], Target(0.95, 0.98)),
         _rate("single, typical size: exact", [r.exact for r in single], Target(0.91, 0.95)),
+        _rate(f"of these, a gap above {VISIBLE:g} floors: accepted", [r.accepted for r in single if r.visible]),
         _rate("both of two, nothing else", [r.accepted for r in of("two")], Target(0.80, 0.93)),
         _rate("false alarm: none and numerics only", alarm, Target(0.04, 0.01, at_most=True)),
         _rate("of these, an effect named", [r.named for r in silent]),
         _rate("of these, unexplained", [r.verdict == "unexplained" for r in silent]),
         _rate("exact alias answered as absorbed", [r.accepted for r in of("alias")], Target(1.0, 1.0)),
         _rate("outside the catalogue: unexplained", [r.accepted for r in outside], Target(0.75, 0.90)),
+        _rate(f"of these, a gap above {VISIBLE:g} floors: unexplained", [r.accepted for r in outside if r.visible]),
         _rate("outside the catalogue: a wrong name", [r.named for r in outside]),
         _rate("inside: falsely unexplained", _unexplained(inside), Target(0.05, 0.05, at_most=True)),
         _rate("single, typical size: falsely unexplained", _unexplained(single), Target(0.05, 0.05, at_most=True)),

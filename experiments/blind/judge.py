@@ -36,6 +36,9 @@ _NAMING = ("effect", "ambiguous")
 _VERDICTS = ("none", *_NAMING, "unexplained")
 
 _CUTOFF_HZ = 60.0
+VISIBLE = 1.2
+"""Times the floor from which a gap is seen without knowing what to look for."""
+
 _WORTH_CLOSING = 1.5  # times the floor: below that the share of the gap closed is noise
 _PREDICTED = 0.25
 
@@ -79,6 +82,11 @@ class Row:
     def inside(self) -> bool:
         """Whether the catalogue holds what is to be found."""
         return self.kind in ("single", "several")
+
+    @property
+    def visible(self) -> bool:
+        """Whether the gap stands out of the noise on the check record."""
+        return self.before is not None and self.floor is not None and self.before > VISIBLE * self.floor
 
     @property
     def named(self) -> bool:

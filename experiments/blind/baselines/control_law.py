@@ -32,8 +32,10 @@ def left_by_law(recording: Recording, machine: Machine) -> dict[str, float]:
         filtered = scipy.signal.lfilter([1 - keep], [1, -keep], velocity, zi=keep * velocity[:1])[0]
         columns.append(("velocity_filter", filtered - velocity))
     t = dt * np.arange(len(r))
-    for _, t0, width, period, _ in pulses_in(r, dt):
-        columns.append(("disturbance_pulses", (((t - t0) % period < width) & (t >= t0)).astype(float)))
+    for train in pulses_in(r, dt):
+        columns.append(
+            ("disturbance_pulses", (((t - train.t0) % train.period < train.width) & (t >= train.t0)).astype(float))
+        )
     left: dict[str, float] = {}
     for name, column in columns:
         share = 1 - float((column @ r) ** 2 / max((column @ column) * (r @ r), 1e-300))

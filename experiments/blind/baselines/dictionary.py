@@ -157,5 +157,6 @@ def _sensor(x: Inverse) -> _Columns:
 
 def _pulses(x: Inverse) -> _Columns:
     step = x.dt * x.decimation.factor
-    for _, t0, width, period, _ in pulses_in(x.residual, step):
-        yield "disturbance_pulses", [(((x.t - t0) % period < width) & (x.t >= t0)).astype(float)], 3
+    for train in pulses_in(x.residual, step):
+        on = ((x.t - train.t0) % train.period < train.width) & (x.t >= train.t0)
+        yield "disturbance_pulses", [on.astype(float)], 3
