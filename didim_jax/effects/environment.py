@@ -94,7 +94,7 @@ class DisturbancePulses(AbstractEffect):
                     "period": train.period,
                     "n": n,
                     "odd": train.odd,
-                    "count": train.count,
+                    "count": train.number,
                 },
             )
             for train in pulses_in(bench.disturbance, bench.dt)
@@ -103,14 +103,14 @@ class DisturbancePulses(AbstractEffect):
 
 
 class Train(NamedTuple):
-    """Pulses that repeat: size N, first onset s, width s, period s, share of every second one, how many."""
+    """Pulses that repeat: size N, first onset s, width s, period s, share of every second one, and how many."""
 
     size: float
     t0: float
     width: float
     period: float = 1e3
     odd: float = 1.0
-    count: float = 1e3
+    number: float = 1e3
 
 
 def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
