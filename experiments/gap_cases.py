@@ -13,13 +13,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from didim_jax import InputError
 from didim_jax.config import CONFIG
 
+from .blind.calibrate import Seen, cross_validated, figures
+from .blind.judge import blank_row, judge
 from .blind.plan import TWINS
 from .data import gap_folder
 from .study import main, write_json
@@ -32,11 +33,11 @@ class Config:
     whole: bool = Field(description="diagnose with the whole catalogue")
     leave_out: bool = Field(description="diagnose without the case's own effect and its twins")
     cases: int = Field(ge=0, description="how many cases, 0 for all")
-    folds: int = Field(ge=2, description="of the cross-validation of the abstention threshold")
+    folds: int = Field(ge=2, description="of the cross-validation of the decision's constants")
 
 
 def run(config: Config, out: Path) -> None:
-    """Diagnose, judge, and cross-validate the one threshold that was set on these cases."""
+    """Diagnose, judge, and cross-validate the constants of the decision."""
     folder = gap_folder()
     if folder is None:
         raise InputError(
@@ -51,8 +52,8 @@ def run(config: Config, out: Path) -> None:
         chosen = dict(list(excluded.items())[: config.cases or None])
         _diagnose(folder / "dev", chosen, out / name)
         summary[name] = _judged(folder, {case: answers[case] for case in chosen}, out / name, name == "left_out")
-    if config.whole and config.leave_out:
-        summary["threshold"] = _cross_validated(out, answers, config.folds)
+    if config.whole:
+        summary["probabilities"] = _cross_validated(out, answers, config.folds)
     write_json(out / "summary.json", summary)
     print(json.dumps(summary, indent=1))
 
@@ -96,25 +97,19 @@ def _judged(folder: Path, answers: dict[str, Any], results: Path, excluded: bool
 
 
 def _cross_validated(out: Path, answers: dict[str, Any], folds: int) -> dict[str, Any]:
-    """The share of structure left at which to abstain, set on other effects than those it is judged on."""
-    rows = []
-    for name, unknown in (("whole", False), ("left_out", True)):
+    """Probabilities and abstention with constants that were fitted on other effects than those they are judged on."""
+    cases = []
+    for name in ("whole", "left_out"):
         for path in sorted((out / name).glob("*/diagnosis.json")):
-            document = json.loads(path.read_text(encoding="utf-8"))
-            if document["effects"]:
-                effect = "+".join(answers[path.parent.name]["effects"])
-                rows.append((effect, np.log(max(document["evidence"]["left"], 1e-9)), unknown))
-    kinds = sorted({row[0] for row in rows})
-    right, thresholds = [], []
-    for fold in range(folds):
-        held = {kind for k, kind in enumerate(kinds) if k % folds == fold}
-        trained = [(x, unknown) for kind, x, unknown in rows if kind not in held]
-        grid = np.log(np.geomspace(0.005, 0.5, 60))
-        hits = [np.mean([(x > c) == unknown for x, unknown in trained]) for c in grid]
-        best = float(np.mean(grid[np.array(hits) == max(hits)]))  # the middle of what is equally good
-        thresholds.append(float(np.exp(best)))
-        right += [(x > best) == unknown for kind, x, unknown in rows if kind in held]
-    return {"thresholds": thresholds, "right_on_other_effects": float(np.mean(right)), "cases": len(right)}
+            effects = answers[path.parent.name]["effects"]
+            if name == "left_out":  # it is in no catalogue then
+                effects = [f"x_{effect}" for effect in effects]
+            blank = blank_row(path.parent.name, {"stratum": name, "answer": {"effects": effects}})
+            cases.append(Seen.of(blank, json.loads(path.read_text(encoding="utf-8"))))
+    return {
+        "as_written": figures([judge(seen.blank, seen.document) for seen in cases]),
+        "cross_validated": figures(cross_validated(cases, folds)),
+    }
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """From the evidence to a verdict: probabilities of each effect, of none, of something else, and groups of twins.
 
-The numbers below are set by hand on open cases; `experiments/gap_cases.py` cross-validates the one that decides on
-abstention. Sealed cases judge all of them.
+The numbers below are set on open cases; `experiments/gap_cases.py` cross-validates them by effect. Sealed cases judge
+them.
 """
 
 import dataclasses

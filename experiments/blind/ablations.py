@@ -10,7 +10,7 @@ place of a named one of `didim_jax.gap` for as long as the cases run, and puts t
 |---|---|---|
 | `no_projection` | `search.score` | the same score, nuisances not projected out of signature and residual |
 | `no_numerics` | `Searcher.base` | without smoothing speed, the load side's friction, and the initial state |
-| `no_whitening` | `Prepared.whitening` | white noise of the same rms |
+| `no_whitening` | `Prepared.whitening`, `Searcher.log_likelihood` | white noise of the same rms |
 | `force_only` | `diagnose.read_off`, `diagnose.CONTROLLER` | nothing read; the controller's effects are searched |
 | `didim_jacobian` | `diagnose.prepare` | its model's columns are DIDIM's, of the force along a motion held fixed |
 | `fit_only` | `hunt._gains_elsewhere` | every refit that gains enough is adopted |
@@ -87,7 +87,7 @@ def only(ingredients: Ingredients) -> Iterator[None]:
     if not ingredients.numerics:
         changes.append((Searcher, "base", property(physical)))
     if not ingredients.whitening:
-        changes.append((Prepared, "whitening", white))
+        changes += [(Prepared, "whitening", white), (Searcher, "log_likelihood", white_likelihood)]
     if not ingredients.other_channels:
         changes += [(diagnosing, "read_off", nothing_read), (diagnosing, "CONTROLLER", ())]
     if not ingredients.exact_jacobian:
@@ -112,17 +112,26 @@ _base = vars(Searcher)["base"].fget
 def physical(searcher: Searcher) -> list[int]:
     """Places of what every fit moves, numerical nuisances held.
 
-    The smoothing speed stays where the search begins (0.3 mm/s; rigid 1 mm/s), the load side's friction at half of the
-    rigid inverse model's, the initial state at what the first samples say.
+    Smoothing speed and tail stay where the search begins (0.3 mm/s, rigid 1 mm/s; none), the load side's friction at
+    half of the rigid inverse model's, the initial state at what the first samples say.
     """
     model = searcher.model
-    held = {*model.of("start"), *(model.index[n] for n in ("v_eps", "Fv2", "Fc2") if n in model.index)}
+    held = {*model.of("start"), *(model.index[n] for n in ("v_eps", "tail", "Fv2", "Fc2") if n in model.index)}
     return [i for i in _base(searcher) if i not in held]
 
 
 def white(prepared: Prepared, channel: Channel, residual: np.ndarray) -> Whitening:
     """White noise of the residual's rms: no slow drift."""
     return Whitening.flat(len(residual), max(float(np.sqrt(np.mean(residual**2))), 1e-4 * channel.rms))
+
+
+def white_likelihood(searcher: Searcher, fit: Fit) -> float:
+    """Log-likelihood of what a fit leaves, were it white."""
+    return sum(
+        -0.5 * len(r) * float(np.log(max(np.mean(r**2), (1e-4 * c.rms) ** 2)))
+        for p, row in zip(searcher.records, fit.residuals, strict=True)
+        for c, r in zip(p.channels, row, strict=True)
+    )
 
 
 def nothing_read(recordings: Sequence[Recording], machine: Machine, exclude: Collection[str]) -> Readings:

@@ -76,8 +76,10 @@ class Seen:
 
     @property
     def fold(self) -> str:
-        """What is kept together: an effect's cases; each case without one on its own."""
-        return "+".join(self.blank.truth) if self.blank.target != NONE else self.blank.case
+        """What is kept together: an effect's cases, also those without its name; each case without one on its own."""
+        if self.blank.target == NONE:
+            return self.blank.case
+        return "+".join(name.removeprefix("x_") for name in self.blank.truth)
 
     def step(self, k: int, effect: str | None) -> decide.Evidence:
         """Evidence of a step, without what fitted better than the effect adopted in it and did not gain elsewhere."""
