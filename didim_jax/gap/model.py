@@ -8,6 +8,7 @@ nothing, so that few combinations compile anew.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -29,8 +30,8 @@ SUBSTEPS = 4
 ALWAYS = frozenset({"coupling_damping"})
 """Effects that every machine has a little of: they count in no combination."""
 
-WIDTH = 20
-"""Columns of a Jacobian that are computed together; more take several turns, so that nothing compiles twice."""
+WIDTH = 24
+"""Columns of a Jacobian that are computed together at most; more take several turns."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,9 +173,9 @@ class Model:
         moved[list(chosen)] = True
         program = self._program(moved)
         value, parts = np.zeros((2, self.n)), []
-        for k in range(0, len(chosen), WIDTH):
-            part = list(chosen[k : k + WIDTH])
-            basis = np.zeros((WIDTH, len(x)))
+        for k in range(0, len(chosen), program.width):
+            part = list(chosen[k : k + program.width])
+            basis = np.zeros((program.width, len(x)))
             basis[np.arange(len(part)), part] = 1.0
             first, tangents = _columns(program.traced, program.part(x), program.part(basis))
             value = np.asarray(first)
@@ -214,6 +215,14 @@ class _Program:
 
     traced: _Traced
     places: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """Columns computed together: all there are, in steps of four (a register's), whichever are chosen.
+
+        So a program compiles once.
+        """
+        return min(WIDTH, 4 * math.ceil((len(self.places) - 1) / 4))
 
     def part(self, x: np.ndarray) -> Array:
         """Its entries of x, along the last axis."""

@@ -87,7 +87,7 @@ class Searcher:
         model = self.model
         plant = [i for i in model.of("") if model.names[i] != "offset"]  # that one is an effect here
         always = [model.index[name] for name in PRIORS if self.flexible and name in model.index]
-        return [*plant, *model.of("start"), *always]
+        return list(dict.fromkeys([*plant, *model.of("start"), *always]))
 
     @property
     def flexible(self) -> bool:
