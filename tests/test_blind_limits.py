@@ -423,7 +423,8 @@ def test_what_was_logged_wrongly_is_said_and_nothing_is_named_for_it():
 def evidence(likely: list[float], names: list[str], gain: float, left: float = 0.01) -> dict[str, Any]:
     step = {"effects": names, "log_likelihood": likely, "parameters": [1.0] * len(names), "before": -3000.0}
     quality = {"gain": gain, "structured": 0.1, "drift": 0.1, "left": left, "law_left": 0.0}
-    return {**quality, "stages": [{"effects": names[:1]}] if gain > 0.15 else [], "steps": [step]}
+    found = names[:1] if gain > 0.15 else []
+    return {**quality, "stages": [{"effects": found}] if found else [], "order": found, "steps": [step]}
 
 
 def case(name: str, truth: list[str], e: dict[str, Any]) -> calibrate.Seen:
@@ -462,7 +463,7 @@ def test_the_conclusion_is_that_of_the_package_while_the_constants_are():
     other = decide.other(0.09, 0.1, 0.1, 0.0)
     assert said["verdict"] == ("unexplained" if other > 0.5 else "ambiguous")
     none = decide.none(0.6)
-    want = decide.probabilities(seen.step(0, "a"), none, other * (1 - none))
+    want = decide.probabilities(seen.step(0), none, other * (1 - none))
     assert said["ranking"] == pytest.approx(want)
 
 

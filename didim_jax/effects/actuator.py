@@ -124,15 +124,18 @@ class AmplifierDeadZone(AbstractEffect):
         return Probe({"d": 0.03}, linear=False), Probe({"d": 0.12}, linear=False)
 
 
+_BEND = 3.0  # V
+
+
 class GainNonlinearity(AbstractEffect):
-    """tau = g vir (1 - k V (|vir| / V)^p), V = 3 V; null k = 0.
+    """tau = g vir (1 - k u0 (|vir| / u0)^p), u0 = 3 V; null k = 0.
 
     p = 1 loses k per volt, p = 2 is the beginning of a hyperbolic tangent.
     """
 
     block: ClassVar[Block] = Block.ACTUATOR
     name: ClassVar[str] = "gain_nonlinearity"
-    equation: ClassVar[str] = "tau = g vir (1 - k V (|vir| / V)^p), V = 3 V"
+    equation: ClassVar[str] = "tau = g vir (1 - k u0 (|vir| / u0)^p), u0 = 3 V"
     size: ClassVar[str] = "0-3 %/V"
     source: ClassVar[str] = "saturating magnetic circuit"
     sampled: ClassVar[bool] = True
@@ -143,8 +146,8 @@ class GainNonlinearity(AbstractEffect):
         u = signals.incoming
         return -self.k * _BEND * power(u / signals.gain, _BEND, self.p) * u, x
 
-
-_BEND = 3.0  # V
+    def probes(self, bench: Bench) -> tuple[Probe, ...]:
+        return tuple(Probe({"k": 0.01}, {"p": p}) for p in (1.0, 2.0))
 
 
 class DriveGain(AbstractEffect):

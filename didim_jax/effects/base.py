@@ -15,12 +15,12 @@ class BaseFlexibility(AbstractEffect):
     """A frame with motor and encoder on a spring: xb'' = -mu tau - w^2 xb - 2 zeta w xb', w = 2 pi f; null mu = 0.
 
     mu = 1 / frame mass. Positions are measured from the frame. The guides stand on the floor to a share `guides`: their
-    friction is that of v + guides xb'.
+    friction is that of v + guides xb', and the frame does not feel it.
     """
 
     block: ClassVar[Block] = Block.BASE
     name: ClassVar[str] = "base_flexibility"
-    equation: ClassVar[str] = "mb xb'' = -kb xb - cb xb' - tau"
+    equation: ClassVar[str] = "mb xb'' = -kb xb - cb xb' - tau; friction of v + guides xb'"
     size: ClassVar[str] = "150-900 kg, 15-45 Hz"
     twins: ClassVar[tuple[str, ...]] = ("coupling_damping", "second_flexible_mode")
     source: ClassVar[str] = "machine on its feet, motor on its bracket"

@@ -61,7 +61,7 @@ class DisturbancePulses(AbstractEffect):
 
     block: ClassVar[Block] = Block.ENVIRONMENT
     name: ClassVar[str] = "disturbance_pulses"
-    equation: ClassVar[str] = "A sin(pi u)^n, u = (t - t0 - k P) / w in [0, 1]"
+    equation: ClassVar[str] = "A sin(pi u)^n, u = (t - t0 - k period) / width in [0, 1], k < count; odd k: odd A"
     size: ClassVar[str] = "5-200 N"
     source: ClassVar[str] = "process forces, collisions, injected test signals"
     family: ClassVar[str] = "mode"
@@ -112,9 +112,15 @@ class Train(NamedTuple):
     odd: float = 1.0
     number: float = 1e3
 
+    def course(self, t: np.ndarray) -> np.ndarray:
+        """Rectangles of unit height, and of the height `odd`, at t (s), (n,)."""
+        k = np.floor((t - self.t0) / self.period)
+        on = (t >= self.t0) & (k < self.number) & (t - self.t0 - k * self.period < self.width)
+        return np.where(on, np.where(k % 2 == 0, 1.0, self.odd), 0.0)
+
 
 def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
-    """Trains of pulses that stand out of a disturbance (N, every dt s), at most six.
+    """Trains of pulses that stand out of a disturbance (N, every dt s).
 
     Every interval where the force is far from its median is a pulse. Pulses of one sign are tried as a train and the
     largest alone, then those of both signs in turn.
@@ -151,7 +157,7 @@ def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
         found.append(Train(sign * float(np.mean(sign * (force[a:b] - level))), float(a * dt), float(b - a) * dt))
         if len(strong) > 1:
             found.append(train)
-    return found[:6]
+    return found
 
 
 def _stretches(high: np.ndarray) -> list[tuple[int, int]]:

@@ -61,6 +61,7 @@ class AsymmetricViscous(AbstractEffect):
     size: ClassVar[str] = "15-60 N s/m"
     twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
+    family: ClassVar[str] = "friction"
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
     v0: Scalar = param("m/s", scale=3e-3, lower=1e-5, upper=0.03, default=1e-4)
 
@@ -199,6 +200,7 @@ class LoadDependentFriction(AbstractGripEffect):
     equation: ClassVar[str] = "-mu (sqrt((K12 delta)^2 + Fp^2) - Fp) s"
     size: ClassVar[str] = "0.02-0.15"
     source: ClassVar[str] = "friction of the screw's flanks"
+    family: ClassVar[str] = "friction"
     mu: Scalar = param("1", scale=0.05, lower=-0.6, upper=0.6, default=0.0)
     preload: Scalar = param("N", scale=20.0, lower=0.1, upper=200.0, default=1.0)
 
@@ -258,7 +260,7 @@ class Presliding(AbstractEffect):
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "presliding"
-    equation: ClassVar[str] = "Fc z for Fc s, z' = (v - |v| z) / z_s"
+    equation: ClassVar[str] = "share (Fc z + sigma1 z_s z') for share Fc s, z' = (v - |v| z) / z_s"
     size: ClassVar[str] = "z_s 60-600 um"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
@@ -275,11 +277,12 @@ class Presliding(AbstractEffect):
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
         bend = jnp.maximum(self.z_s, 0.5 * jnp.abs(signals.v1) * signals.dt)
         rate = (signals.v1 - jnp.abs(signals.v1) * x) / bend
-        one, two = self.share * signals.level1, self.load * signals.level2
+        load = jnp.where(signals.stiffness == 0, 0.0, self.load)  # a rigid drive has one side
+        one, two = self.share * signals.level1, load * signals.level2
         damping = self.sigma1 * self.z_s * rate
         return Forces(
             motor=-one * x - self.share * damping,
-            load=-two * x - self.load * damping,
+            load=-two * x - load * damping,
             grip_motor=-one,
             grip_load=-two,
         ), rate

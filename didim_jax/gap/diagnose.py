@@ -119,6 +119,7 @@ def diagnose(
         evidence={
             **dataclasses.asdict(q),
             "stages": stages,
+            "order": found.order,
             "steps": [dataclasses.asdict(evidence(searcher, step)) for step in found.steps],
         },
         machine=machine.name,
@@ -165,6 +166,6 @@ def _block(searcher: Searcher, verdict: Verdict, read: Readings, found: dict[str
     if first == PULSES and any(read.pulses):
         return "actuator"
     share = found[first].get("load_share")
-    if share is not None and share["value"] - 2 * share["std"] > 0.5:
+    if share is not None and share["std"] > 0 and share["value"] - 2 * share["std"] > 0.5:
         return Block.LOAD_SIDE.value
     return next(e.block.value for e in searcher.model.effects if e.label() == first)

@@ -79,10 +79,8 @@ def hunt(
         steps.append(step)
         if not step.refits:
             break
-        least = decide.BESIDE if adopted else decide.RELEVANT
-        worth = [r for r in step.refits if gain(searcher, last, r) >= least and not _usual(searcher, r)]
-        tried = _ordered(searcher, worth)[:TRIED]
-        best = next((r for r in tried if _gains_elsewhere(searcher, last, r, adopted)), None)
+        best, refuted = _best(searcher, step, adopted)
+        steps[-1] = dataclasses.replace(step, refuted=refuted)
         if best is None:
             break
         say(f"{best.effect}: {100 * gain(searcher, last, best):.0f} % of what was left")
@@ -92,6 +90,21 @@ def hunt(
     adopted, last, last_in = _eliminate(searcher, nominal, last, adopted, read)
     kept = tuple(stage for stage in stages if stage[0] in adopted)
     return Found(nominal, last, read, adopted, tuple(steps), kept, last_in, tuple(name for name, _ in stages))
+
+
+def _best(searcher: Searcher, step: Step, adopted: tuple[str, ...]) -> tuple[Refit | None, tuple[str, ...]]:
+    """The refit to adopt, and those that are out though they may be likelier."""
+    least = decide.BESIDE if adopted else decide.RELEVANT
+    worth = [r for r in step.refits if gain(searcher, step.before, r) >= least and not _usual(searcher, r)]
+    names, failed = {r.effect for r in worth}, list[str]()
+    for refit in _ordered(searcher, worth)[:TRIED]:
+        if _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
+            slight = [
+                r for r in step.refits if r.effect not in names and _likely(searcher, r) > _likely(searcher, refit)
+            ]
+            return refit, (*failed, *(r.effect for r in slight))
+        failed.append(refit.effect)
+    return None, tuple(failed)
 
 
 def rest(searcher: Searcher, fit: Fit) -> Remainder:
@@ -117,7 +130,7 @@ def gain(searcher: Searcher, before: Fit, refit: Refit) -> float:
 
 def _likely(searcher: Searcher, refit: Refit) -> float:
     """Log-likelihood with the effect, less what its parameters cost."""
-    return searcher.log_likelihood(refit.fit) - decide.PENALTY * len(searcher.model.of(refit.effect))
+    return searcher.log_likelihood(refit.fit) - decide.PENALTY * searcher.parameters(refit)
 
 
 def energy(fit: Fit) -> float:
@@ -133,7 +146,7 @@ def _ordered(searcher: Searcher, refits: Sequence[Refit]) -> list[Refit]:
     far = [r for r in refits if likely[r.effect] <= best - CLOSE]
 
     def left(r: Refit) -> float:
-        return energy(r.fit) * (1 + SIMPLER * len(searcher.model.of(r.effect)))
+        return energy(r.fit) * (1 + SIMPLER * searcher.parameters(r))
 
     return [*sorted(near, key=left), *sorted(far, key=lambda r: -likely[r.effect])]
 
@@ -145,8 +158,8 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
     return bool(effect.least) and all(abs(values[f"{refit.effect}.{k}"]) < v for k, v in effect.least.items())
 
 
-def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> bool:
-    """Whether the effect also gains on interleaved blocks that took no part in its fit, in both halves together."""
+def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
+    """Whether the effect gains this share on interleaved blocks that took no part in its fit, both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
     block = max(1, round(BLOCK_S / (searcher.records[0].model.dt * searcher.records[0].decimation.factor)))
     lengths = [len(p.channels[0].observed) for p in searcher.records]
@@ -160,7 +173,7 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tupl
         )
         without += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(one.residuals, mask, strict=True))
         with_it += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(two.residuals, mask, strict=True))
-    return with_it < (1 - 0.5 * decide.RELEVANT) * without
+    return with_it < (1 - least) * without
 
 
 def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:

@@ -69,7 +69,7 @@ class LawResidual:
     - `noise` V inside the band: what the best explanation leaves, at most `counting` or the white noise of r_C
     - `explanations` none, each effect, both gains together; each with the pulses as well where there are any
     - `free_filter` any filter of eight taps and unit gain on the velocity: tells a filter of another law
-    - `pulses` rectangular pulses that stand out of r_C
+    - `pulses` that stand out of r_C, rectangular or of any course
     """
 
     residual: np.ndarray
@@ -130,7 +130,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
         spans = _pulses(r, [P, P + V, *_delayed(V)], smallest=0.005 * _rms(recording.vir))
         shapes = _shapes(spans, len(r))
         if not spans:
-            spans = _rounded(r, smallest=0.005 * _rms(recording.vir))
+            spans = _rounded(r, [P, P + V, *_delayed(V)], smallest=0.005 * _rms(recording.vir))
             shapes = [shape * r / _peak(r[a:b]) for shape, (a, b) in zip(_shapes(spans, len(r)), spans, strict=True)]
     if spans:
         explanations += [_explain((*e, _PULSES), r, P, V, c.sample_time, shapes) for e in _CANDIDATES]
@@ -152,7 +152,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
         return found
     best = found.best()
     volts = (best if _PULSES in best.effects else found.of(_PULSES)).parameters
-    times = np.append(recording.t, recording.t[-1] + c.sample_time)
+    times = np.append(recording.t, recording.t[-1] + c.sample_time) - recording.t[0]
     # What is on at the first sample whose law is known was on before; likewise at the last.
     rows = [(first + a if a else 0, first + b if b < len(r) else n) for a, b in spans]
     pulses = [
@@ -337,8 +337,13 @@ def _pulses(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tupl
     return spans if with_them < 0.5 * without else []
 
 
-def _rounded(r: np.ndarray, smallest: float) -> list[tuple[int, int]]:
-    """Rows [on, off) of pulses that come and go smoothly: stretches far above a law that is met everywhere else."""
+def _rounded(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tuple[int, int]]:
+    """Rows [on, off) of pulses that come and go smoothly: stretches far above a law that is met everywhere else.
+
+    Their course is r_C's own, so that it must not be what other gains and filters give, the `free` columns.
+    """
+    if _rms(_solve(free, r)[1]) < 0.5 * _rms(r):
+        return []
     quiet = 1.4826 * float(np.median(np.abs(r - np.median(r))))
     high = np.abs(r) > max(6 * quiet, 0.05 * float(np.max(np.abs(r))))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
@@ -351,7 +356,7 @@ def _rounded(r: np.ndarray, smallest: float) -> list[tuple[int, int]]:
     spans = [(a, b) for a, b in merged if b - a >= 2 * _WINDOW and abs(_peak(r[a:b])) > smallest]
     held = sum(float(r[a:b] @ r[a:b]) for a, b in spans)
     lasting = sum(b - a for a, b in spans)
-    # Few and far apart, and all there is: a law of another form would be missed whenever the axis moves.
+    # Few and far apart, and all there is.
     few = 0 < len(spans) <= _MOST_PULSES and lasting < 0.4 * len(r)
     return spans if few and held > 0.98 * float(r @ r) else []
 

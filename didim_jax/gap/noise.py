@@ -42,19 +42,28 @@ class Whitening:
         return scipy.fft.idct(self.weights * scipy.fft.dct(r, norm="ortho", axis=-1), norm="ortho", axis=-1)
 
 
+CORNER, SLOW, SPREAD = 40.0, 0.15, 0.7
+"""Typical corner (Hz), drift against noise, and by how much (log) machines differ in both."""
+
+_HIGHEST = 55.0  # Hz: above, the filter of the band has the say
+
+
 @dataclasses.dataclass(frozen=True)
 class Noise:
     """What a residual's own spectrum says of its noise, by maximum likelihood: variance of the cosine line at f
 
-    sigma^2 / (1 + (f / corner)^2) + slow^2 drift(f), and the log-likelihood of all lines, that of the prior included.
+    sigma^2 / (1 + (f / corner)^2) + slow^2 drift(f) + least^2, and the log-likelihood of the lines below 55 Hz, that of
+    the prior included and constants left out.
 
-    `sigma` and `slow` in the residual's unit, `corner` Hz. The closed loop colours noise, so even white one has a
-    corner. What is typical comes in as a prior: a force that an effect should explain is not to pass for drift.
+    `sigma` (level of a line at low frequency), `slow` (rms of the drift) and `least` in the residual's unit, `corner`
+    Hz. The closed loop colours noise, so even white one has a corner. What is typical comes in as a prior: a force that
+    an effect should explain is not to pass for drift.
     """
 
     sigma: float
     corner: float
     slow: float
+    least: float
     log_likelihood: float
 
     @classmethod
@@ -63,6 +72,8 @@ class Noise:
         lines, n = scipy.fft.dct(residual, norm="ortho") ** 2, len(residual)
         f = _lines(n, dt)
         inside = np.flatnonzero(f < min(_HIGHEST, 0.4 / dt))
+        if lines[0] < 1e-20 * np.sum(lines):  # a channel compared without its mean
+            inside = inside[1:]
         # Lines one by one where drift is steep, then in bunches.
         edges = np.concatenate([np.arange(20), np.geomspace(20, len(inside), 40).astype(int)])
         edges = np.unique(edges[edges < len(inside)])
@@ -88,18 +99,13 @@ class Noise:
             key=lambda end: float(end.fun),
         )
         sigma, corner, ratio = np.exp(found.x)
-        return cls(float(sigma), float(corner), float(sigma * ratio), -float(found.fun))
+        return cls(float(sigma), float(corner), float(sigma * ratio), least, -float(found.fun))
 
     def whitening(self, n: int, dt: float) -> Whitening:
         """What makes n samples of this noise white, of unit variance."""
         f = _lines(n, dt)
-        return Whitening(1 / np.sqrt(self.sigma**2 / (1 + (f / self.corner) ** 2) + self.slow**2 * _drift(f, dt)))
-
-
-CORNER, SLOW, SPREAD = 40.0, 0.15, 0.7
-"""Typical corner (Hz), drift against noise, and by how much (log) machines differ in both."""
-
-_HIGHEST = 55.0  # Hz: above, the filter of the band has the say
+        coloured = self.sigma**2 / (1 + (f / self.corner) ** 2)
+        return Whitening(1 / np.sqrt(coloured + self.slow**2 * _drift(f, dt) + self.least**2))
 
 
 def _minimum(

@@ -102,7 +102,10 @@ def parameters(
         if name == "disturbance_pulses" and any(read.pulses):
             volts = [p.volts for found in read.pulses for p in found]
             out[name] = {
-                "A": dataclasses.asdict(Estimate(float(np.median(volts)), float(np.std(volts)), "V")),
+                # their signs may alternate
+                "A": dataclasses.asdict(
+                    Estimate(float(np.sign(volts[0]) * np.median(np.abs(volts))), float(np.std(np.abs(volts))), "V")
+                ),
                 "repeats": False,
             }
         elif name == "disturbance_pulses" and once:
@@ -117,7 +120,7 @@ def base_shifts(searcher: Searcher, found: Found) -> dict[str, Shift]:
     return {
         model.names[i]: Shift(before[model.names[i]], after[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
         for i in model.of("")
-        if model.names[i] != "offset"
+        if model.names[i] not in ("offset", "tail")  # an effect here; of the sign's shape
     }
 
 

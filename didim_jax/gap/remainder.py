@@ -7,10 +7,12 @@ share closed on blocks left out, windows of like energy, a drift of a fraction o
 import dataclasses
 
 import numpy as np
+import threadpoolctl
 
-from .atlas import atlas
 from .noise import Noise
 from .prepared import Prepared, motion
+from .relevance import Regression, blocks
+from .variables import dictionary
 
 WINDOW_S = 0.2
 QUIET, LOUD = 0.4, 2.5
@@ -21,7 +23,7 @@ QUIET, LOUD = 0.4, 2.5
 class Remainder:
     """Shares of the whitened energy: `followed` by smooth functions of the motion, on blocks left out; in `bursts`.
 
-    `drift` is the rms of the slow part against that of the rest; a machine has 0.1 to 0.4.
+    `drift` is the rms of the slow part against the level of the rest at low frequency; a machine has 0.1 to 0.4.
     """
 
     followed: float
@@ -36,16 +38,21 @@ class Remainder:
     @property
     def settled(self) -> bool:
         """Whether it looks like noise."""
-        return self.structured < 0.05 and self.drift < 0.5
+        return self.structured < _SETTLED and self.drift < _STEADY
 
 
 def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     """Of a residual of the record's force, N, (n_decimated,)."""
-    dt = record.model.dt * record.decimation.factor
-    noise = Noise.of(residual, dt, 1e-4 * record.channels[0].rms)
+    dt, least = record.model.dt * record.decimation.factor, 1e-4 * record.channels[0].rms
+    if float(np.sqrt(np.mean(residual**2))) < least:
+        return Remainder(0.0, 0.0, 0.0)  # what is left is of the numbers, not of the machine
+    noise = Noise.of(residual, dt, least)
     white = noise.whitening(len(residual), dt)(residual)
     q, v, a, qg = motion(record)
-    followed = atlas(record.t, white, q, v, a, qg, dt, record.bench.lead).closed
+    columns = dictionary(record.t, q, v, a, qg, dt, record.bench.lead)
+    with threadpoolctl.threadpool_limits(1, user_api="blas"):  # threads only wait for each other at this size
+        fit = Regression(list(columns.values()), white, blocks(len(white), dt))
+        followed = fit.share(fit.prior(range(len(columns))))
     return Remainder(followed, bursts(white, qg, dt), noise.slow / noise.sigma)
 
 
@@ -66,8 +73,11 @@ def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
     return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
 
 
+_SETTLED, _STEADY = 0.05, 0.5
+"""Share of structure, and drift, below which a residual looks like noise."""
+
 _REST = 1e-3
 """Of the stroke, below which the reference rests in a window."""
 
-_QUIET_SHARE = 0.92
+_QUIET_SHARE = 0.9
 """That quantile of the energy of a window of noise, against its mean: chi-squared with some twenty degrees."""

@@ -31,11 +31,15 @@ class Refit:
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """One step of the search: every effect's best score, and the refits made, least cost first."""
+    """One step of the search: every effect's best score, and the refits made, least cost first.
+
+    `refuted` are those that fitted well and closed too little, or gained nothing where they were not fitted.
+    """
 
     before: Fit
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
+    refuted: tuple[str, ...] = ()
 
 
 SHARPNESS = (3e-6, 3e-5)
@@ -72,6 +76,14 @@ class Searcher:
             for p, row in zip(self.records, fit.residuals, strict=True)
             for c, r in zip(p.channels, row, strict=True)
         )
+
+    def parameters(self, refit: Refit) -> int:
+        """How many parameters of a refit's effect change anything on these records."""
+        fit, own = refit.fit, self.problem().own
+        columns = [i for i in fit.chosen if i not in own]
+        rows = sum(len(r) for row in fit.residuals for r in row)
+        moved = np.any(fit.jacobian[:rows, : len(columns)] != 0, axis=0)
+        return sum(bool(moved[columns.index(i)]) for i in self.model.of(refit.effect) if i in columns)
 
     def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
         """Work on the items side by side; results in their order."""

@@ -9,7 +9,7 @@ from ..effects import AbstractEffect
 from . import decide
 from .diagnosis import Experiment
 from .experiment import separating_experiment
-from .hunt import CLOSE, Found, energy, gain, rest
+from .hunt import Found, gain, rest
 from .judge import relative
 from .readings import Readings
 from .search import Searcher, Step
@@ -44,8 +44,8 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
         best = first.refits[0]
     closed = 0.0 if first is None or best is None else gain(searcher, first.before, best)
     remains = rest(searcher, found.last)
-    left = remains.structured * energy(found.last)
-    explained = max(energy(found.nominal) - energy(found.last), 0.0)
+    before, after = (float(np.sum(fit.residuals[0][0] ** 2)) for fit in (found.nominal, found.last))
+    left, explained = remains.structured * after, max(before - after, 0.0)
     share = left / max(left + explained, 1e-300)
     return Quality(closed, remains.followed, remains.bursts, remains.drift, remains.structured, float(share), law_left)
 
@@ -76,7 +76,7 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
         none = decide.none(q.gain)
         # Where nothing was found, structure that is left speaks against none; where something was, for what was found.
         none, shared = (none * (1 - other), other) if not effects else (none, other * (1 - none))
-        ranking = decide.probabilities(evidence(searcher, found.steps[0], found.order[:1]), none, shared)
+        ranking = decide.probabilities(evidence(searcher, found.steps[0]), none, shared)
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
@@ -84,25 +84,20 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
     groups = []
     for name in found.adopted:
         step = found.step_of(name)
-        if step is not None and (group := decide.twins(evidence(searcher, step, (name,)), name, effects)):
+        if step is not None and (group := decide.twins(evidence(searcher, step), name, effects)):
             groups.append(group)
     return Verdict("ambiguous" if groups else "effect", effects, tuple(groups), ranking)
 
 
-def evidence(searcher: Searcher, step: Step, adopted: Sequence[str] = ()) -> decide.Evidence:
-    """Likelihoods of the refits of one step.
-
-    What is far likelier than the effect `adopted` in this step did not gain on other blocks, and is left out.
-    """
-    if not step.refits:
+def evidence(searcher: Searcher, step: Step) -> decide.Evidence:
+    """Likelihoods of the refits of one step, without those refuted in it."""
+    kept = [r for r in step.refits if r.effect not in step.refuted]
+    if not kept:
         return decide.NOTHING
-    likely = {r.effect: searcher.log_likelihood(r.fit) for r in step.refits}
-    most = next((likely[name] + CLOSE for name in adopted if name in likely), np.inf)
-    likely = {name: value for name, value in likely.items() if value <= most}
     return decide.Evidence(
-        tuple(likely),
-        np.array(list(likely.values())),
-        np.array([len(searcher.model.of(name)) for name in likely], dtype=float),
+        tuple(r.effect for r in kept),
+        np.array([searcher.log_likelihood(r.fit) for r in kept]),
+        np.array([searcher.parameters(r) for r in kept], dtype=float),
         searcher.log_likelihood(step.before),
     )
 

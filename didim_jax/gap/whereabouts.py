@@ -56,6 +56,7 @@ def _intervals(searcher: Searcher, fit: Fit, adopted: tuple[str, ...]) -> list[l
     if "disturbance_pulses" in adopted:
         t0, width, period = (values[f"disturbance_pulses.{k}"] for k in ("t0", "width", "period"))
         starts = np.arange(t0, end, period) if period < end else np.array([t0])
+        starts = starts[: int(np.ceil(min(values["disturbance_pulses.count"], len(starts))))]
         return [[float(max(s, 0.0)), float(min(s + width, end))] for s in starts if s < end and s + width > 0]
     if "payload_change" in adopted:
         return [[float(np.clip(values["payload_change.t0"], 0.0, end)), float(end)]]

@@ -28,7 +28,7 @@ import scipy.optimize
 
 from didim_jax.errors import InputError
 from didim_jax.gap import decide
-from didim_jax.gap.hunt import CLOSE
+from didim_jax.gap.readings import CONTROLLER
 from didim_jax.gap.verdict import FOREIGN
 
 from ..study import write_json
@@ -41,10 +41,10 @@ CALIBRATED = "calibrated.json"
 SLOPES = ("none slope", "other slope", "unknown slope")
 """Factors on the slopes of those three functions; 1 leaves them."""
 
-_HELD = ("RELEVANT", "BESIDE")  # steers the search: another value needs other diagnoses
+_HELD = ("RELEVANT", "BESIDE", "PENALTY")  # steers the search: another value needs other diagnoses
 _TWIN = "TWIN"
 _FOLDS = 5
-_EVALUATIONS = 160
+_EVALUATIONS = 250
 _FEWEST = 20
 _LEAST = 1e-4  # probability given to the truth: a single surprise must not decide
 _NEEDLESS = 0.25  # of a wrong answer, what a group costs whose first name alone was right
@@ -81,17 +81,14 @@ class Seen:
             return self.blank.case
         return "+".join(name.removeprefix("x_") for name in self.blank.truth)
 
-    def step(self, k: int, effect: str | None) -> decide.Evidence:
-        """Evidence of a step, without what fitted better than the effect adopted in it and did not gain elsewhere."""
+    def step(self, k: int) -> decide.Evidence:
+        """Evidence of a step."""
         steps = self.document["evidence"]["steps"]
         if k >= len(steps):
             return decide.NOTHING
         one = steps[k]
-        rows = list(zip(one["effects"], one["log_likelihood"], one["parameters"], strict=True))
-        most = next((value + CLOSE for name, value, _ in rows if name == effect), np.inf)
-        kept = [row for row in rows if row[1] <= most]
-        likely, counts = (np.array([row[i] for row in kept], dtype=float) for i in (1, 2))
-        return decide.Evidence(tuple(row[0] for row in kept), likely, counts, one["before"])
+        likely, counts = (np.array(one[key], dtype=float) for key in ("log_likelihood", "parameters"))
+        return decide.Evidence(tuple(one["effects"]), likely, counts, one["before"])
 
 
 def present() -> dict[str, float]:
@@ -118,7 +115,7 @@ def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
     e = seen.document["evidence"]
     effects = (*seen.read, *seen.adopted)
     law = e["law_left"]
-    if seen.adopted:
+    if seen.adopted or set(seen.read) & set(CONTROLLER):
         other = _steeper(decide.other(e["left"], e["structured"], e["drift"], law), constants[SLOPES[1]])
     else:
         other = _steeper(decide.unknown(e["structured"], e["drift"], law), constants[SLOPES[2]])
@@ -128,15 +125,16 @@ def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
     else:
         none = _steeper(decide.none(e["gain"]), constants[SLOPES[0]])
         none, shared = (none, other * (1 - none)) if effects else (none * (1 - other), other)
-        ranking = decide.probabilities(seen.step(0, seen.adopted[0] if seen.adopted else None), none, shared)
+        ranking = decide.probabilities(seen.step(0), none, shared)
     verdict: dict[str, Any] = {"effects": effects, "ambiguous_with": [], "ranking": ranking}
     if other > 0.5:
         return verdict | {"verdict": "unexplained"}
     if not effects:
         return verdict | {"verdict": "none"}
     groups = []
-    for k, name in enumerate(seen.adopted):
-        evidence = seen.step(k, name)
+    for name in seen.adopted:
+        order = seen.document["evidence"]["order"]
+        evidence = seen.step(order.index(name) if name in order else len(order) + 1)
         if name in evidence.effects and (group := decide.twins(evidence, name, effects)):
             groups.append(group)
     return verdict | {"verdict": "ambiguous" if groups else "effect", "ambiguous_with": groups}

@@ -33,9 +33,7 @@ def left_by_law(recording: Recording, machine: Machine) -> dict[str, float]:
         columns.append(("velocity_filter", filtered - velocity))
     t = dt * np.arange(len(r))
     for train in pulses_in(r, dt):
-        columns.append(
-            ("disturbance_pulses", (((t - train.t0) % train.period < train.width) & (t >= train.t0)).astype(float))
-        )
+        columns.append(("disturbance_pulses", train.course(t)))
     left: dict[str, float] = {}
     for name, column in columns:
         share = 1 - float((column @ r) ** 2 / max((column @ column) * (r @ r), 1e-300))

@@ -158,5 +158,4 @@ def _sensor(x: Inverse) -> _Columns:
 def _pulses(x: Inverse) -> _Columns:
     step = x.dt * x.decimation.factor
     for train in pulses_in(x.residual, step):
-        on = ((x.t - train.t0) % train.period < train.width) & (x.t >= train.t0)
-        yield "disturbance_pulses", [on.astype(float)], 3
+        yield "disturbance_pulses", [train.course(x.t)], 5
