@@ -156,7 +156,7 @@ class SampledLoop(AbstractLoop):
                     return solver.step(chain, t + i * h, h, state, held)
 
                 # By twos: four written out take twice as long to compile, and are no faster.
-                return jax.lax.fori_loop(0, self.substeps, substep, state, unroll=2)
+                return jax.lax.fori_loop(0, self.substeps, substep, state, unroll=1)
 
             def as_state(y: Array) -> State:
                 plant, effects = as_moving(y)

@@ -263,7 +263,7 @@ POINTS: dict[str, dict[str, float]] = {
     "position_friction": {"c1": 2.0, "c2": -1.0, "c3": 1.0, "c4": 0.5},
     "lead_friction": {"a": 2.0, "b": 1.0},
     "local_friction": {"A": 4.0, "w": 5e-3},
-    "presliding": {"share": 0.9, "load": 0.7, "sigma1": 50.0},
+    "presliding": {"share": 0.9, "sigma1": 50.0},
     "load_dependent_friction": {"mu": 0.05},
     "friction_drift": {"d_coulomb": 0.3, "d_viscous": 0.2},
     "coupling_damping": {"C": 300.0},

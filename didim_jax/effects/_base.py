@@ -155,9 +155,6 @@ class AbstractEffect(eqx.Module):
     source: ClassVar[str] = ""
     sampled: ClassVar[bool] = False
     """Acts on the held command once per sample (ACTUATOR): exact, and cheaper than at every instant."""
-    family: ClassVar[str] = ""
-    """Effects that take a good part of a step's time (powers, angles, states) belong to one. A program of several
-    effects holds those without a family, and a family only where one of its own takes part."""
     least: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Sizes that every machine has a little of, by parameter: an effect no larger is not worth a name."""
     own_to_record: ClassVar[tuple[str, ...]] = ()

@@ -174,7 +174,6 @@ class Cogging(AbstractEffect):
     size: ClassVar[str] = "0.7-4 N"
     twins: ClassVar[tuple[str, ...]] = ("encoder_periodic_error", "transmission_error")
     source: ClassVar[str] = "slots of the motor, pitch of the screw"
-    family: ClassVar[str] = "screw"
     a1: Scalar = param("N", scale=2.0, default=0.0)
     b1: Scalar = param("N", scale=2.0, default=0.0)
     a2: Scalar = param("N", scale=1.0, default=0.0)

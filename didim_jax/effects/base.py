@@ -24,7 +24,6 @@ class BaseFlexibility(AbstractEffect):
     size: ClassVar[str] = "150-900 kg, 15-45 Hz"
     twins: ClassVar[tuple[str, ...]] = ("coupling_damping", "second_flexible_mode")
     source: ClassVar[str] = "machine on its feet, motor on its bracket"
-    family: ClassVar[str] = "mode"
     mu: Scalar = param("1/kg", scale=1e-3, lower=0.0, upper=0.05, default=0.0)
     f: Scalar = param("Hz", scale=5.0, lower=4.0, upper=90.0, default=25.0)
     zeta: Scalar = param("1", scale=0.02, lower=1e-3, upper=0.5, default=0.02)

@@ -77,7 +77,6 @@ class TransmissionError(AbstractEffect):
     size: ClassVar[str] = "1-6 um"
     twins: ClassVar[tuple[str, ...]] = ("cogging", "encoder_periodic_error")
     source: ClassVar[str] = "wobble of the screw, eccentric gear"
-    family: ClassVar[str] = "screw"
     a: Scalar = param("m", scale=2e-6, default=0.0)
     b: Scalar = param("m", scale=2e-6, default=0.0)
     lead: Scalar = setting("m", default=0.0025)

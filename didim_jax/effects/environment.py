@@ -64,7 +64,6 @@ class DisturbancePulses(AbstractEffect):
     equation: ClassVar[str] = "A sin(pi u)^n, u = (t - t0 - k period) / width in [0, 1], k < count; odd k: odd A"
     size: ClassVar[str] = "5-200 N"
     source: ClassVar[str] = "process forces, collisions, injected test signals"
-    family: ClassVar[str] = "mode"
     own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
     A: Scalar = param("N", scale=10.0, default=0.0)
     t0: Scalar = param("s", scale=0.05, default=1.0)

@@ -61,7 +61,6 @@ class AsymmetricViscous(AbstractEffect):
     size: ClassVar[str] = "15-60 N s/m"
     twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
-    family: ClassVar[str] = "friction"
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
     v0: Scalar = param("m/s", scale=3e-3, lower=1e-5, upper=0.03, default=1e-4)
 
@@ -81,7 +80,6 @@ class Stribeck(AbstractGripEffect):
     size: ClassVar[str] = "2-11 N, 4-30 mm/s"
     twins: ClassVar[tuple[str, ...]] = ("presliding", "quadratic_viscous")
     source: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
-    family: ClassVar[str] = "friction"
     dFs: Scalar = param("N", scale=5.0, default=0.0)
     vs: Scalar = param("m/s", scale=0.01, lower=1.5e-3, upper=0.04, default=0.015)
     a: Scalar = param("1", scale=1.0, lower=0.6, upper=2.5, default=1.5)
@@ -101,7 +99,6 @@ class QuadraticViscous(AbstractGripEffect):
     size: ClassVar[str] = "200-1200 N s2/m2"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "churning of lubricant, fans"
-    family: ClassVar[str] = "friction"
     c: Scalar = param("N s2/m2", scale=300.0, default=0.0)
     p: Scalar = param("1", scale=0.5, lower=1.4, upper=3.5, default=2.0)
 
@@ -148,7 +145,6 @@ class LocalFriction(AbstractGripEffect):
     size: ClassVar[str] = "1-9 N, 5-30 mm"
     twins: ClassVar[tuple[str, ...]] = ("position_friction",)
     source: ClassVar[str] = "dent, chip or dry spot on a guide"
-    family: ClassVar[str] = "friction"
     A: Scalar = param("N", scale=4.0, default=0.0)
     q0: Scalar = param("m", scale=0.02, default=0.05)
     w: Scalar = param("m", scale=0.01, lower=1e-3, upper=0.035, default=0.01)
@@ -173,7 +169,6 @@ class LeadFriction(AbstractGripEffect):
     size: ClassVar[str] = "0.7-4 N"
     twins: ClassVar[tuple[str, ...]] = ("cogging",)
     source: ClassVar[str] = "run-out of the screw"
-    family: ClassVar[str] = "screw"
     a: Scalar = param("N", scale=2.0, default=0.0)
     b: Scalar = param("N", scale=2.0, default=0.0)
     lead: Scalar = setting("m", default=0.0025)
@@ -200,7 +195,6 @@ class LoadDependentFriction(AbstractGripEffect):
     equation: ClassVar[str] = "-mu (sqrt((K12 delta)^2 + Fp^2) - Fp) s"
     size: ClassVar[str] = "0.02-0.15"
     source: ClassVar[str] = "friction of the screw's flanks"
-    family: ClassVar[str] = "friction"
     mu: Scalar = param("1", scale=0.05, lower=-0.6, upper=0.6, default=0.0)
     preload: Scalar = param("N", scale=20.0, lower=0.1, upper=200.0, default=1.0)
 
@@ -223,7 +217,6 @@ class FrictionDrift(AbstractEffect):
     equation: ClassVar[str] = "friction x (1 + d g(t))"
     size: ClassVar[str] = "15-50 %"
     source: ClassVar[str] = "warming lubricant"
-    family: ClassVar[str] = "friction"
     twins: ClassVar[tuple[str, ...]] = ("payload_change",)
     own_to_record: ClassVar[tuple[str, ...]] = ("t0",)
     d_coulomb: Scalar = param("1", scale=0.3, lower=-0.95, upper=3.0, default=0.0)
@@ -255,7 +248,8 @@ class Presliding(AbstractEffect):
     """A share of Coulomb friction, Fc s(v), becomes a bristle's: Fc z + sigma1 z_s z', z' = (v - |v| z) / z_s.
 
     z = F / Fc, so that z_s = Fc / sigma0 is the deflection at break-away. `share` is that of the motor side's friction,
-    `load` that of the load side's, on one bristle: the sides differ by micrometres. Null: neither; 1 is all of it.
+    `load` times as much that of the load side's, on one bristle: the sides differ by micrometres. Null share = 0, and
+    1 is all of it.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
@@ -264,9 +258,8 @@ class Presliding(AbstractEffect):
     size: ClassVar[str] = "z_s 60-600 um"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
-    family: ClassVar[str] = "friction"
     share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
-    load: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
+    load: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.5)
     z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
     sigma1: Scalar = param("N s/m", scale=100.0, lower=-200.0, upper=600.0, default=0.0)
 
@@ -277,7 +270,7 @@ class Presliding(AbstractEffect):
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
         bend = jnp.maximum(self.z_s, 0.5 * jnp.abs(signals.v1) * signals.dt)
         rate = (signals.v1 - jnp.abs(signals.v1) * x) / bend
-        load = jnp.where(signals.stiffness == 0, 0.0, self.load)  # a rigid drive has one side
+        load = jnp.where(signals.stiffness == 0, 0.0, self.load * self.share)  # a rigid drive has one side
         one, two = self.share * signals.level1, load * signals.level2
         damping = self.sigma1 * self.z_s * rate
         return Forces(
@@ -289,6 +282,5 @@ class Presliding(AbstractEffect):
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
-            Probe({"share": 1.0, "load": 1.0}, {"z_s": z, "sigma1": 50.0}, linear=False)
-            for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
+            Probe({"share": 1.0}, {"z_s": z, "sigma1": 50.0}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
         )

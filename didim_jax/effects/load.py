@@ -24,7 +24,6 @@ class SecondFlexibleMode(AbstractEffect):
     size: ClassVar[str] = "2-14 kg, 25-65 Hz"
     twins: ClassVar[tuple[str, ...]] = ("base_flexibility",)
     source: ClassVar[str] = "tool, table or arm on the carriage"
-    family: ClassVar[str] = "mode"
     m3: Scalar = param("kg", scale=5.0, lower=0.0, upper=60.0, default=0.0)
     f3: Scalar = param("Hz", scale=5.0, lower=8.0, upper=110.0, default=40.0)
     zeta: Scalar = param("1", scale=0.02, lower=1e-3, upper=0.5, default=0.01)

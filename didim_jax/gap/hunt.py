@@ -16,7 +16,7 @@ from .search import Refit, Searcher, Step
 MOST_EFFECTS = 4
 SHARE = 0.02
 """Of the gap closed, what an effect must hold alone to be kept beside others."""
-WORTH = 0.04
+WORTH = 0.08
 """Share that a further effect's score must promise to be tried where what is left looks like noise."""
 CERTAIN = 5.0
 """Rise of the log-likelihood, less the penalty, that noise does not give, whichever of all effects is looked for."""

@@ -2,8 +2,7 @@
 
 Everything that a machine or a record decides (gains, limits, ranges, excitation) is traced, so that many cases of one
 length compile once. Effects at their null add nothing and would take most of the time, so that a program holds only
-what it needs: one effect beside the plant; or, where there are several, their families and all that cost next to
-nothing, so that few combinations compile anew.
+those that take part.
 """
 
 import dataclasses
@@ -186,9 +185,6 @@ class Model:
         """The program of the effects that own an entry of x which is not at its null or may move, (len(x),) of bool."""
         present = {self.entries[i].owner for i in np.flatnonzero(moved)} - {"", "start"}
         kept = ALWAYS | present
-        if len(present - ALWAYS) > 1:
-            families = {effect.family for effect in self.effects if effect.label() in present} | {""}
-            kept |= {effect.label() for effect in self.effects if effect.family in families}
         if kept not in self._programs:
             self._programs[kept] = self._reduced(kept)
         return self._programs[kept]

@@ -163,13 +163,14 @@ class Searcher:
         before: Fit,
         effects: Sequence[AbstractEffect],
         adopted: tuple[str, ...],
-        candidates: int = 7,
         worth: float = 0.0,
     ) -> Step:
-        """Score `effects`, refit the best `candidates` of them on top of what `before` holds.
+        """Score `effects`, refit the best of them on top of what `before` holds.
 
-        Nothing is refitted where no score reaches the share `worth`.
+        Nothing is refitted where no score reaches the share `worth`. Beside others fewer are tried: less is left then,
+        and every pair is a program of its own.
         """
+        most, again_with = (4, 2) if adopted else (7, 3)
         scores = score(self.problem(), before, effects)
         if not scores or scores[0].share < worth:
             return Step(before, tuple(scores), ())
@@ -178,12 +179,14 @@ class Searcher:
             by_effect.setdefault(s.effect, []).append(s)
         tried = [
             s
-            for name in list(by_effect)[:candidates]
+            for name in list(by_effect)[:most]
             for s in _distinct(by_effect[name], 1 if by_effect[name][0].probe.linear else 2)
         ]
         # A mode is found from several starts or not at all.
         seen = {id(s) for s in tried}
-        tried += [s for name in list(by_effect)[:3] for s in _distinct(by_effect[name], 2) if id(s) not in seen]
+        tried += [
+            s for name in list(by_effect)[:again_with] for s in _distinct(by_effect[name], 2) if id(s) not in seen
+        ]
         starts = [(s, before.xs) for s in tried]
         if self._bent(before) and not adopted:
             starts += [(s, (self._plain,) * len(self.records)) for s in tried]
