@@ -421,7 +421,7 @@ def test_what_was_logged_wrongly_is_said_and_nothing_is_named_for_it():
 
 
 def evidence(likely: list[float], names: list[str], gain: float, left: float = 0.01) -> dict[str, Any]:
-    step = {"effects": names, "log_likelihood": likely, "parameters": [1.0] * len(names), "before": -3000.0}
+    step = {"effects": names, "log_likelihood": likely, "parameters": [1.0] * len(names), "before": -1000.0}
     quality = {"gain": gain, "structured": 0.1, "drift": 0.1, "left": left, "law_left": 0.0}
     found = names[:1] if gain > 0.15 else []
     return {**quality, "stages": [{"effects": found}] if found else [], "order": found, "steps": [step]}

@@ -96,6 +96,7 @@ def parameters(
                 )
             )
             for i in model.of(name)
+            if np.isfinite(std.get(i, 0.0))  # otherwise the records do not show it
         }
         if name == "encoder_quantisation":
             out[name] = {"resolution": dataclasses.asdict(Estimate(read.grid, 0.0, "m"))}
