@@ -359,8 +359,8 @@ X = (0.1075, 0.0075)  # middle and half of the stroke, m
 # effect: sizes, and (N on the motor side, N on the load side) from the motion
 LAWS: dict[str, tuple[dict[str, float], Any]] = {
     "asymmetric_coulomb": (
-        {"dFc": 2.0, "v0": 1e-3},
-        lambda m: (-2 * np.abs(m.v1) / (np.abs(m.v1) + 1e-3), 0),
+        {"dFc": 2.0, "v0": 1e-3, "tail": 0.6},
+        lambda m: (-2 * np.tanh(np.abs(m.v1) / 1e-3) * (1 - 0.6e-3 / (1e-3 + np.abs(m.v1))), 0),
     ),
     "asymmetric_viscous": (
         {"dFv": 30.0, "v0": 5e-3},

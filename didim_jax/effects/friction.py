@@ -33,20 +33,24 @@ class AbstractGripEffect(AbstractEffect):
 
 
 class AsymmetricCoulomb(AbstractEffect):
-    """f = dFc |v| / (|v| + v0): Coulomb friction larger in one direction, none at rest; null dFc = 0."""
+    """f = dFc tanh(|v| / v0) (1 - tail v0 / (v0 + |v|)): Coulomb friction larger in one direction; null dFc = 0.
+
+    None at rest, from where it comes up over v0: as tanh does, or with a tail more slowly.
+    """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_coulomb"
-    equation: ClassVar[str] = "-dFc |v| / (|v| + v0)"
+    equation: ClassVar[str] = "-dFc tanh(|v| / v0) (1 - tail v0 / (v0 + |v|))"
     size: ClassVar[str] = "1-5 N"
     twins: ClassVar[tuple[str, ...]] = ("offset",)
     source: ClassVar[str] = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
     dFc: Scalar = param("N", scale=2.0, default=0.0)
     v0: Scalar = param("m/s", scale=3e-4, lower=1e-5, upper=5e-3, default=3e-4)
+    tail: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         speed = jnp.abs(signals.v1)
-        return -self.dFc * speed / (speed + self.v0), x
+        return -self.dFc * jnp.tanh(speed / self.v0) * (1 - self.tail * self.v0 / (self.v0 + speed)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFc": 2.0}),)

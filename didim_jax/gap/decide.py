@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-RELEVANT, BESIDE = 0.06, 0.12
+RELEVANT, BESIDE = 0.085, 0.12
 """Share of the residual energy that an effect must close to be worth a name, alone and beside others."""
 
 LEFT = 0.12

@@ -218,7 +218,7 @@ def _eliminate(
         ]
         if not superfluous:
             return adopted, last, last_in
-        gone = min(superfluous, key=lambda n: last_in[n])
+        gone = superfluous[-1]  # a later one was looked for in what an earlier one had left
         adopted, last = tuple(n for n in adopted if n != gone), without[gone]
 
 

@@ -73,7 +73,7 @@ def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
     return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
 
 
-_SETTLED, _STEADY = 0.05, 0.5
+_SETTLED, _STEADY = 0.09, 0.6
 """Share of structure, and drift, below which a residual looks like noise."""
 
 _REST = 1e-3
