@@ -197,8 +197,10 @@ def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
         moved = problem.solve([xs[nearest] for xs in trials], fit.chosen, free, 18)
         if moved.cost < fit.cost:
             fit = moved
-    searcher.weigh(fit)
-    return searcher.problem().solve(fit.xs, fit.chosen, free, 12)
+    for evaluations in (8, 8):
+        searcher.weigh_by_noise(fit)
+        fit = searcher.problem().solve(fit.xs, fit.chosen, free, evaluations)
+    return fit
 
 
 def _eliminate(

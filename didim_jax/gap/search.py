@@ -69,6 +69,17 @@ class Searcher:
             for p, row in zip(self.records, fit.residuals, strict=True)
         ]
 
+    def weigh_by_noise(self, fit: Fit) -> None:
+        """The same by the noise that what it leaves shows: only where it holds no large effect any more."""
+        self.whitening = [
+            [
+                Noise.of(r, dt, 1e-4 * c.rms).whitening(len(r), dt)
+                for c, r in zip(p.channels, row, strict=True)
+                for dt in (p.model.dt * p.decimation.factor,)
+            ]
+            for p, row in zip(self.records, fit.residuals, strict=True)
+        ]
+
     def log_likelihood(self, fit: Fit) -> float:
         """Of what a fit leaves of all records and channels, each under the noise that its own spectrum shows."""
         return sum(
