@@ -129,3 +129,15 @@ class TracedDecimation(eqx.Module):
 def central_difference(x: np.ndarray, dt: float) -> np.ndarray:
     """dx/dt at sample k from samples k - 1 and k + 1, one-sided at the ends; no phase shift."""
     return np.gradient(x, dt, axis=0)
+
+
+def runs(high: np.ndarray, bridged: float = 0) -> list[tuple[int, int]]:
+    """First and past-the-last sample of every run of True in (n,) of bool; gaps of up to `bridged` samples are none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
+    found: list[tuple[int, int]] = []
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if found and a - found[-1][1] <= bridged:
+            found[-1] = (found[-1][0], b)
+        else:
+            found.append((a, b))
+    return found

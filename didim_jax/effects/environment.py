@@ -9,6 +9,7 @@ from jax import Array
 
 from .._types import Scalar
 from ..params import param
+from ..signals import runs
 from ._base import AbstractEffect, Bench, Block, Probe, Signals
 from ._law import passed
 
@@ -132,7 +133,7 @@ def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
     found = []
     for signs in ((1.0,), (-1.0,), (1.0, -1.0)):
         spans = sorted(
-            (a, b, sign) for sign in signs for a, b in _stretches(sign * (force - level) > least) if (b - a) * dt > 5e-3
+            (a, b, sign) for sign in signs for a, b in runs(sign * (force - level) > least) if (b - a) * dt > 5e-3
         )
         if not spans:
             continue
@@ -143,12 +144,12 @@ def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
         size = strong[0][2] * float(np.mean([sign * np.mean(force[a:b] - level) for a, b, sign in strong]))
         gaps = np.diff(onset)
         period = max(float(np.median(gaps[gaps > width])) if np.any(gaps > width) else 1e3, 1.05 * width)
-        turns = [one[2] != two[2] for one, two in itertools.pairwise(strong)]
         count = float(round((onset[-1] - onset[0]) / period) + 1)
         if onset[0] + count * period + width > dt * len(force):
             count = 1e3  # the record ends before the next one would
         train = Train(size, float(onset[0]), width, period, -1.0 if len(signs) == 2 else 1.0, count)
         if len(signs) == 2:
+            turns = [one[2] != two[2] for one, two in itertools.pairwise(strong)]
             if turns and np.mean(turns) > 0.5:
                 found.append(train)
             continue
@@ -157,9 +158,3 @@ def pulses_in(force: np.ndarray, dt: float) -> list[Train]:
         if len(strong) > 1:
             found.append(train)
     return found
-
-
-def _stretches(high: np.ndarray) -> list[tuple[int, int]]:
-    """First and past-the-last sample of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

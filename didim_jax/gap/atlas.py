@@ -15,6 +15,7 @@ import scipy.fft
 import scipy.signal
 import threadpoolctl
 
+from ..signals import runs
 from .relevance import Regression, blocks
 from .variables import LABELS, dictionary, largest, smooth
 
@@ -324,11 +325,8 @@ def _stretch(t: np.ndarray, energy: np.ndarray, i: int, j: int, dt: float) -> Pa
 def _intervals(t: np.ndarray, energy: np.ndarray, dt: float) -> tuple[Part, ...]:
     """At most eight intervals whose power, over 0.1 s, exceeds four times its median, and which hold 2 % or more."""
     power = smooth(energy, 2 * _WINDOW_S, dt)
-    loud = np.concatenate([[False], power > 4 * max(float(np.median(power)), 1e-6 / len(t)), [False]]).astype(int)
-    on, off = np.flatnonzero(np.diff(loud) > 0), np.flatnonzero(np.diff(loud) < 0)
-    apart = (on[1:] - off[:-1]) * dt > _WINDOW_S
-    on, off = on[np.concatenate([[True], apart])[: len(on)]], off[np.concatenate([apart, [True]])[: len(off)]]
-    found = [_stretch(t, energy, i, j, dt) for i, j in zip(on, off, strict=True)]
+    loud = power > 4 * max(float(np.median(power)), 1e-6 / len(t))
+    found = [_stretch(t, energy, i, j, dt) for i, j in runs(loud, bridged=_WINDOW_S / dt)]
     kept = sorted((p for p in found if p.energy > 0.02), key=lambda p: -p.energy)[:8]
     return tuple(sorted(kept, key=lambda p: p.span or (0.0, 0.0)))
 

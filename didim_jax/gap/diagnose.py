@@ -120,7 +120,7 @@ def diagnose(
             **dataclasses.asdict(q),
             "stages": stages,
             "order": found.order,
-            "steps": [dataclasses.asdict(evidence(searcher, step)) for step in found.steps],
+            "steps": [dataclasses.asdict(evidence(step)) for step in found.steps],
         },
         machine=machine.name,
         synthetic=any(r.synthetic for r in recordings),

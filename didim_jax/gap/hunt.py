@@ -83,7 +83,7 @@ def hunt(
         steps[-1] = dataclasses.replace(step, refuted=refuted)
         if best is None:
             break
-        say(f"{best.effect}: {100 * gain(searcher, last, best):.0f} % of what was left")
+        say(f"{best.effect}: {100 * gain(step, best):.0f} % of what was left")
         adopted = (*adopted, best.effect)
         last = _settle(searcher, best, adopted)
         stages.append((best.effect, last))
@@ -95,13 +95,11 @@ def hunt(
 def _best(searcher: Searcher, step: Step, adopted: tuple[str, ...]) -> tuple[Refit | None, tuple[str, ...]]:
     """The refit to adopt, and those that are out though they may be likelier."""
     least = decide.BESIDE if adopted else decide.RELEVANT
-    worth = [r for r in step.refits if gain(searcher, step.before, r) >= least and not _usual(searcher, r)]
+    worth = [r for r in step.refits if gain(step, r) >= least and not _usual(searcher, r)]
     names, failed = {r.effect for r in worth}, list[str]()
-    for refit in _ordered(searcher, worth)[:TRIED]:
+    for refit in _ordered(worth)[:TRIED]:
         if _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
-            slight = [
-                r for r in step.refits if r.effect not in names and _likely(searcher, r) > _likely(searcher, refit)
-            ]
+            slight = [r for r in step.refits if r.effect not in names and _likely(r) > _likely(refit)]
             return refit, (*failed, *(r.effect for r in slight))
         failed.append(refit.effect)
     return None, tuple(failed)
@@ -115,22 +113,21 @@ def rest(searcher: Searcher, fit: Fit) -> Remainder:
 def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
     """The atlas of a residual of the record's force."""
     q, v, a, qg = motion(record)
-    return atlas(record.t, residual, q, v, a, qg, record.model.dt * record.decimation.factor, record.bench.lead)
+    return atlas(record.t, residual, q, v, a, qg, record.dt, record.bench.lead)
 
 
-def gain(searcher: Searcher, before: Fit, refit: Refit) -> float:
+def gain(step: Step, refit: Refit) -> float:
     """Share of the force residual's energy that a refit closes; hardly any where noise alone could have given it.
 
     Energy says what matters; the likelihood, in which a slow drift weighs little, what is certain.
     """
-    share = 1 - energy(refit.fit) / energy(before)
-    rise = _likely(searcher, refit) - searcher.log_likelihood(before)
-    return share if rise > CERTAIN else min(share, 0.3 * decide.RELEVANT)
+    share = 1 - energy(refit.fit) / energy(step.before)
+    return share if _likely(refit) - step.log_likelihood > CERTAIN else min(share, 0.3 * decide.RELEVANT)
 
 
-def _likely(searcher: Searcher, refit: Refit) -> float:
+def _likely(refit: Refit) -> float:
     """Log-likelihood with the effect, less what its parameters cost."""
-    return searcher.log_likelihood(refit.fit) - decide.PENALTY * searcher.parameters(refit)
+    return refit.log_likelihood - decide.PENALTY * refit.parameters
 
 
 def energy(fit: Fit) -> float:
@@ -138,17 +135,16 @@ def energy(fit: Fit) -> float:
     return float(sum(row[0] @ row[0] for row in fit.residuals))
 
 
-def _ordered(searcher: Searcher, refits: Sequence[Refit]) -> list[Refit]:
+def _ordered(refits: Sequence[Refit]) -> list[Refit]:
     """Likeliest first, but of those as likely as the best the one that leaves the least energy."""
-    likely = {r.effect: _likely(searcher, r) for r in refits}
-    best = max(likely.values(), default=0.0)
-    near = [r for r in refits if likely[r.effect] > best - CLOSE]
-    far = [r for r in refits if likely[r.effect] <= best - CLOSE]
+    best = max((_likely(r) for r in refits), default=0.0)
+    near = [r for r in refits if _likely(r) > best - CLOSE]
+    far = [r for r in refits if _likely(r) <= best - CLOSE]
 
     def left(r: Refit) -> float:
-        return energy(r.fit) * (1 + SIMPLER * searcher.parameters(r))
+        return energy(r.fit) * (1 + SIMPLER * r.parameters)
 
-    return [*sorted(near, key=left), *sorted(far, key=lambda r: -likely[r.effect])]
+    return [*sorted(near, key=left), *sorted(far, key=_likely, reverse=True)]
 
 
 def _usual(searcher: Searcher, refit: Refit) -> bool:
@@ -161,7 +157,7 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
     """Whether the effect gains this share on interleaved blocks that took no part in its fit, both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
-    block = max(1, round(BLOCK_S / (searcher.records[0].model.dt * searcher.records[0].decimation.factor)))
+    block = max(1, round(BLOCK_S / searcher.records[0].dt))
     lengths = [len(p.channels[0].observed) for p in searcher.records]
     without = with_it = 0.0
     for half in (0, 1):
@@ -197,9 +193,9 @@ def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
         moved = problem.solve([xs[nearest] for xs in trials], fit.chosen, free, 18)
         if moved.cost < fit.cost:
             fit = moved
-    for evaluations in (8, 8):
+    for _ in range(2):
         searcher.weigh_by_noise(fit)
-        fit = searcher.problem().solve(fit.xs, fit.chosen, free, evaluations)
+        fit = searcher.problem().solve(fit.xs, fit.chosen, free, 8)
     return fit
 
 

@@ -18,7 +18,7 @@ import scipy.signal
 from ..hygiene import injected_scale, law_terms
 from ..machine import Machine
 from ..recording import Recording
-from ..signals import LowPass
+from ..signals import LowPass, runs
 from .noise import white_in_band
 
 RELEVANT = 2e-3
@@ -126,12 +126,15 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     explanations = [_explain(effects, r, P, V, c.sample_time) for effects in _CANDIDATES]
     spans: list[tuple[int, int]] = []
     shapes: list[np.ndarray] = []
+    rectangular = True
     if rms_band * _unexplained(explanations) > RELEVANT * commanded:
-        spans = _pulses(r, [P, P + V, *_delayed(V)], smallest=0.005 * _rms(recording.vir))
+        free, smallest = [P, P + V, *_delayed(V)], 0.005 * _rms(recording.vir)
+        spans = _pulses(r, free, smallest)
+        rectangular = bool(spans)
+        spans = spans or _rounded(r, free, smallest)
         shapes = _shapes(spans, len(r))
-        if not spans:
-            spans = _rounded(r, [P, P + V, *_delayed(V)], smallest=0.005 * _rms(recording.vir))
-            shapes = [shape * r / _peak(r[a:b]) for shape, (a, b) in zip(_shapes(spans, len(r)), spans, strict=True)]
+        if not rectangular:
+            shapes = [shape * r / _peak(r[a:b]) for shape, (a, b) in zip(shapes, spans, strict=True)]
     if spans:
         explanations += [_explain((*e, _PULSES), r, P, V, c.sample_time, shapes) for e in _CANDIDATES]
 
@@ -160,7 +163,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
             float(times[a]),
             float(times[b]),
             volts[f"{_PULSES}.A{i}"],
-            None if np.isin(shape, (0.0, 1.0)).all() else np.interp(np.arange(a, b) - first, np.arange(len(r)), shape),
+            None if rectangular else np.interp(np.arange(a, b) - first, np.arange(len(r)), shape),
         )
         for i, ((a, b), shape) in enumerate(zip(rows, shapes, strict=True))
     ]
@@ -346,14 +349,8 @@ def _rounded(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tup
         return []
     quiet = 1.4826 * float(np.median(np.abs(r - np.median(r))))
     high = np.abs(r) > max(6 * quiet, 0.05 * float(np.max(np.abs(r))))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
-    merged: list[tuple[int, int]] = []
-    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if merged and a - merged[-1][1] < 2 * _WINDOW:
-            merged[-1] = (merged[-1][0], b)
-        else:
-            merged.append((a, b))
-    spans = [(a, b) for a, b in merged if b - a >= 2 * _WINDOW and abs(_peak(r[a:b])) > smallest]
+    found = runs(high, bridged=2 * _WINDOW - 1)
+    spans = [(a, b) for a, b in found if b - a >= 2 * _WINDOW and abs(_peak(r[a:b])) > smallest]
     held = sum(float(r[a:b] @ r[a:b]) for a, b in spans)
     lasting = sum(b - a for a, b in spans)
     # Few and far apart, and all there is.

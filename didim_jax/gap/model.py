@@ -27,7 +27,7 @@ SUBSTEPS = 4
 """Real friction holds at rest: a nominal plant that creeps there would call every dwell a gap."""
 
 ALWAYS = frozenset({"coupling_damping"})
-"""Effects that every machine has a little of: they count in no combination."""
+"""Effects that every machine has a little of: every program holds them."""
 
 WIDTH = 24
 """Columns of a Jacobian that are computed together at most; more take several turns."""

@@ -63,7 +63,7 @@ def closed(
     None where there is hardly a gap to close.
     """
     b, a = left(record, before) ** 2, left(record, after) ** 2
-    block = max(1, round(0.5 / (record.model.dt * record.decimation.factor)))
+    block = max(1, round(0.5 / (record.dt)))
     groups = np.array_split(np.arange(len(b)), max(1, len(b) // block))
     sums = np.array([[b[g].sum(), a[g].sum(), floor**2 * len(g)] for g in groups])
 

@@ -12,7 +12,7 @@ from ..recording import Recording
 from ..rig import excitation, first_state, sampled_loop
 from ..signals import Decimation, LowPass, central_difference
 from .model import SOLVER, SUBSTEPS, Model
-from .noise import SLOW_SHARE, Whitening
+from .noise import SLOW_SHARE, Noise, Whitening
 from .rounded import RoundedCoulombViscous
 
 CUTOFF_HZ = 60.0
@@ -37,6 +37,11 @@ class Channel:
         """Of the record's signal in the band."""
         return float(np.sqrt(np.mean(self.observed**2)))
 
+    @property
+    def least(self) -> float:
+        """Rms below which a residual is of the numbers, not of the machine."""
+        return 1e-4 * self.rms
+
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
@@ -57,9 +62,17 @@ class Prepared:
 
     def whitening(self, channel: Channel, residual: np.ndarray) -> Whitening:
         """What makes this residual of a channel white."""
-        dt = self.model.dt * self.decimation.factor
-        sigma = max(float(np.sqrt(np.mean(residual**2))), 1e-4 * channel.rms)
-        return Whitening.of(len(residual), dt, sigma, SLOW_SHARE * channel.rms)
+        sigma = max(float(np.sqrt(np.mean(residual**2))), channel.least)
+        return Whitening.of(len(residual), self.dt, sigma, SLOW_SHARE * channel.rms)
+
+    def noise(self, channel: Channel, residual: np.ndarray) -> Noise:
+        """What this residual of a channel shows of its own noise."""
+        return Noise.of(residual, self.dt, channel.least)
+
+    @property
+    def dt(self) -> float:
+        """Between decimated samples, s."""
+        return self.model.dt * self.decimation.factor
 
     @property
     def t(self) -> np.ndarray:

@@ -9,7 +9,6 @@ import dataclasses
 import numpy as np
 import threadpoolctl
 
-from .noise import Noise
 from .prepared import Prepared, motion
 from .relevance import Regression, blocks
 from .variables import dictionary
@@ -17,6 +16,15 @@ from .variables import dictionary
 WINDOW_S = 0.2
 QUIET, LOUD = 0.4, 2.5
 """Quantile of the windows' energies that is quiet, and times its energy from which a window is a burst."""
+
+_QUIET_SHARE = 0.9
+"""That quantile of the energy of a window of noise, against its mean: chi-squared with some twenty degrees."""
+
+_REST = 1e-3
+"""Of the stroke, below which the reference rests in a window."""
+
+_SETTLED, _STEADY = 0.09, 0.6
+"""Share of structure, and drift, below which a residual looks like noise."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,10 +51,10 @@ class Remainder:
 
 def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     """Of a residual of the record's force, N, (n_decimated,)."""
-    dt, least = record.model.dt * record.decimation.factor, 1e-4 * record.channels[0].rms
-    if float(np.sqrt(np.mean(residual**2))) < least:
-        return Remainder(0.0, 0.0, 0.0)  # what is left is of the numbers, not of the machine
-    noise = Noise.of(residual, dt, least)
+    force, dt = record.channels[0], record.dt
+    if float(np.sqrt(np.mean(residual**2))) < force.least:
+        return Remainder(0.0, 0.0, 0.0)
+    noise = record.noise(force, residual)
     white = noise.whitening(len(residual), dt)(residual)
     q, v, a, qg = motion(record)
     columns = dictionary(record.t, q, v, a, qg, dt, record.bench.lead)
@@ -71,13 +79,3 @@ def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
     quiet = float(np.quantile(energies, QUIET)) / _QUIET_SHARE
     loud = energies > LOUD * quiet
     return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
-
-
-_SETTLED, _STEADY = 0.09, 0.6
-"""Share of structure, and drift, below which a residual looks like noise."""
-
-_REST = 1e-3
-"""Of the stroke, below which the reference rests in a window."""
-
-_QUIET_SHARE = 0.9
-"""That quantile of the energy of a window of noise, against its mean: chi-squared with some twenty degrees."""

@@ -4,12 +4,11 @@ from typing import Any
 
 import equinox as eqx
 from jax import Array
-from jax import numpy as jnp
 
 from .._types import Scalar
 from ..params import param, setting
 from ..plant import AbstractFriction, AbstractPlant
-from ..plant.friction import smooth_sign
+from ..plant.friction import late, smooth_sign
 
 
 class RoundedCoulombViscous(AbstractFriction):
@@ -28,7 +27,7 @@ class RoundedCoulombViscous(AbstractFriction):
         return self.Fv * v, self.level(v) * smooth_sign(v, self.v_eps)
 
     def level(self, v: Array) -> Array:
-        return self.Fc * (1 - self.tail * self.v_eps / (self.v_eps + jnp.abs(v)))
+        return self.Fc * late(v, self.v_eps, self.tail)
 
 
 def with_sign(plant: AbstractPlant, v_eps: Array, tail: Array) -> AbstractPlant:

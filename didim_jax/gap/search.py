@@ -3,13 +3,14 @@
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
 from ..effects import AbstractEffect
 from ..errors import InputError
 from .fit import PRIORS, Fit, Problem
-from .noise import Noise, Whitening
+from .noise import Whitening
 from .prepared import Prepared
 from .score import Score, score
 
@@ -22,24 +23,42 @@ RIVAL = 4.0
 
 @dataclasses.dataclass(frozen=True)
 class Refit:
-    """An effect with its refit: joined to those adopted before it."""
+    """An effect with its refit: joined to those adopted before it.
+
+    `log_likelihood` of what it leaves, and how many of the effect's `parameters` change anything on these records.
+    """
 
     effect: str
     fit: Fit
     score: Score
+    log_likelihood: float
+    parameters: int
 
 
 @dataclasses.dataclass(frozen=True)
 class Step:
     """One step of the search: every effect's best score, and the refits made, least cost first.
 
-    `refuted` are those that fitted well and closed too little, or gained nothing where they were not fitted.
+    `log_likelihood` is that of `before`. `refuted` are those that fitted well and closed too little, or gained nothing
+    where they were not fitted.
     """
 
     before: Fit
+    log_likelihood: float
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
     refuted: tuple[str, ...] = ()
+
+
+class _Trial(NamedTuple):
+    """A refit on the way, from one start."""
+
+    score: Score
+    fit: Fit
+
+    @property
+    def effect(self) -> str:
+        return self.score.effect
 
 
 SHARPNESS = (3e-6, 3e-5)
@@ -72,29 +91,25 @@ class Searcher:
     def weigh_by_noise(self, fit: Fit) -> None:
         """The same by the noise that what it leaves shows: only where it holds no large effect any more."""
         self.whitening = [
-            [
-                Noise.of(r, dt, 1e-4 * c.rms).whitening(len(r), dt)
-                for c, r in zip(p.channels, row, strict=True)
-                for dt in (p.model.dt * p.decimation.factor,)
-            ]
+            [p.noise(c, r).whitening(len(r), p.dt) for c, r in zip(p.channels, row, strict=True)]
             for p, row in zip(self.records, fit.residuals, strict=True)
         ]
 
     def log_likelihood(self, fit: Fit) -> float:
         """Of what a fit leaves of all records and channels, each under the noise that its own spectrum shows."""
         return sum(
-            Noise.of(r, p.model.dt * p.decimation.factor, 1e-4 * c.rms).log_likelihood
+            p.noise(c, r).log_likelihood
             for p, row in zip(self.records, fit.residuals, strict=True)
             for c, r in zip(p.channels, row, strict=True)
         )
 
-    def parameters(self, refit: Refit) -> int:
-        """How many parameters of a refit's effect change anything on these records."""
-        fit, own = refit.fit, self.problem().own
-        columns = [i for i in fit.chosen if i not in own]
+    def _acting(self, effect: str, fit: Fit) -> int:
+        """How many parameters of an effect change anything on these records."""
+        start = set(self.model.of("start"))
+        columns = [i for i in fit.chosen if i not in start]
         rows = sum(len(r) for row in fit.residuals for r in row)
         moved = np.any(fit.jacobian[:rows, : len(columns)] != 0, axis=0)
-        return sum(bool(moved[columns.index(i)]) for i in self.model.of(refit.effect) if i in columns)
+        return sum(bool(moved[columns.index(i)]) for i in self.model.of(effect) if i in columns)
 
     def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
         """Work on the items side by side; results in their order."""
@@ -183,8 +198,9 @@ class Searcher:
         """
         most, again_with = (4, 2) if adopted else (7, 3)
         scores = score(self.problem(), before, effects)
+        likely = self.log_likelihood(before)
         if not scores or scores[0].share < worth:
-            return Step(before, tuple(scores), ())
+            return Step(before, likely, tuple(scores), ())
         by_effect: dict[str, list[Score]] = {}
         for s in scores:
             by_effect.setdefault(s.effect, []).append(s)
@@ -202,28 +218,32 @@ class Searcher:
         if self._bent(before) and not adopted:
             starts += [(s, (self._plain,) * len(self.records)) for s in tried]
 
-        def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> Refit:
+        def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> _Trial:
             s, xs = start
-            return Refit(s.effect, self._refit(problem, before, s, xs, adopted), s)
+            return _Trial(s, self._refit(problem, before, s, xs, adopted))
 
-        def long(problem: Problem, r: Refit) -> Refit:
+        def long(problem: Problem, r: _Trial) -> _Trial:
             fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
-            return Refit(r.effect, fit if fit.cost <= r.fit.cost else r.fit, r.score)
+            return _Trial(r.score, fit if fit.cost <= r.fit.cost else r.fit)
 
         first = sorted((r for r in self.map(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
         if not first:
-            return Step(before, tuple(scores), ())
+            return Step(before, likely, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
         near = [r for r in first if r.fit.cost < RIVAL * first[0].fit.cost]
         leaders = list(dict.fromkeys(r.effect for r in near))[:4]
         again = [r for r in near if r.effect in leaders[:2]][:4]
         again += [next(r for r in near if r.effect == name) for name in leaders[2:]]
-        best: dict[str, Refit] = {}
+        best: dict[str, _Trial] = {}
         for r in [*self.map(long, again), *first]:
             if r.effect not in best or r.fit.cost < best[r.effect].fit.cost:
                 best[r.effect] = r
         top = tuple(ss[0] for ss in by_effect.values())
-        return Step(before, top, tuple(sorted(best.values(), key=lambda r: r.fit.cost)))
+        refits = (
+            Refit(r.effect, r.fit, r.score, self.log_likelihood(r.fit), self._acting(r.effect, r.fit))
+            for r in sorted(best.values(), key=lambda r: r.fit.cost)
+        )
+        return Step(before, likely, top, tuple(refits))
 
     def _refit(
         self, problem: Problem, before: Fit, s: Score, xs: Sequence[np.ndarray], adopted: tuple[str, ...]

@@ -42,7 +42,7 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
     if best is None and first is not None and first.refits:
         best = first.refits[0]
-    closed = 0.0 if first is None or best is None else gain(searcher, first.before, best)
+    closed = 0.0 if first is None or best is None else gain(first, best)
     remains = rest(searcher, found.last)
     before, after = (float(np.sum(fit.residuals[0][0] ** 2)) for fit in (found.nominal, found.last))
     left, explained = remains.structured * after, max(before - after, 0.0)
@@ -76,7 +76,7 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
         none = decide.none(q.gain)
         # Where nothing was found, structure that is left speaks against none; where something was, for what was found.
         none, shared = (none * (1 - other), other) if not effects else (none, other * (1 - none))
-        ranking = decide.probabilities(evidence(searcher, found.steps[0]), none, shared)
+        ranking = decide.probabilities(evidence(found.steps[0]), none, shared)
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
@@ -84,21 +84,21 @@ def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings)
     groups = []
     for name in found.adopted:
         step = found.step_of(name)
-        if step is not None and (group := decide.twins(evidence(searcher, step), name, effects)):
+        if step is not None and (group := decide.twins(evidence(step), name, effects)):
             groups.append(group)
     return Verdict("ambiguous" if groups else "effect", effects, tuple(groups), ranking)
 
 
-def evidence(searcher: Searcher, step: Step) -> decide.Evidence:
+def evidence(step: Step) -> decide.Evidence:
     """Likelihoods of the refits of one step, without those refuted in it."""
     kept = [r for r in step.refits if r.effect not in step.refuted]
     if not kept:
         return decide.NOTHING
     return decide.Evidence(
         tuple(r.effect for r in kept),
-        np.array([searcher.log_likelihood(r.fit) for r in kept]),
-        np.array([searcher.parameters(r) for r in kept], dtype=float),
-        searcher.log_likelihood(step.before),
+        np.array([r.log_likelihood for r in kept]),
+        np.array([r.parameters for r in kept], dtype=float),
+        step.log_likelihood,
     )
 
 

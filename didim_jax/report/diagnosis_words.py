@@ -1,7 +1,6 @@
 """The three questions answered in words: where the gap lies, which effect causes it, how far it shrinks."""
 
 import dataclasses
-import math
 
 from ..gap.atlas import Atlas, Variable
 from ..gap.diagnosis import Diagnosis, Gap
@@ -193,9 +192,7 @@ def _which(d: Diagnosis) -> tuple[str, str]:
 def sizes(d: Diagnosis) -> str:
     """The first effect's parameters: 'dFs = 6.1 ± 0.1 N, vs = 15.2 ± 0.8e-3 m/s.'"""
     numbers = {k: v for k, v in d.parameters.get(d.effects[0], {}).items() if isinstance(v, dict)}
-    said = [
-        estimate(k, v) for k, v in numbers.items() if k != "load_share" and math.isfinite(float(v.get("std") or 0.0))
-    ]
+    said = [estimate(k, v) for k, v in numbers.items() if k != "load_share"]
     return f"{', '.join(said)}." if said else ""
 
 

@@ -61,7 +61,7 @@ def diagnose_under_bar(
     exclude: Collection[str] | Mapping[str, Collection[str]] = (),
     label: str = "cases",
 ) -> list[str]:
-    """The same on every core, under a bar with the time left, a line a case."""
+    """`diagnose_cases` on every core, under a bar with the time left, a line a case; names of those not usable."""
     console = Console(stderr=True)
     bars = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*bars, console=console) as progress:

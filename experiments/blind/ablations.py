@@ -15,6 +15,8 @@ place of a named one of `didim_jax.gap` for as long as the cases run, and puts t
 | `didim_jacobian` | `diagnose.prepare` | its model's columns are DIDIM's, of the force along a motion held fixed |
 | `fit_only` | `hunt._gains_elsewhere` | every refit that gains enough is adopted |
 
+Without whitening, what decides on `unexplained` is still told under each residual's own noise.
+
 The replacement holds for the whole process: one ablation at a time, cases side by side within it. Of a case only
 fit.mat and machine.toml are read. DIR/ablations.json holds verdict, effects, groups of twins, ranking and seconds by
 ablation and case; killed, it goes on where it was.

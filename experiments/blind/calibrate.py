@@ -81,6 +81,11 @@ class Seen:
             return self.blank.case
         return "+".join(name.removeprefix("x_") for name in self.blank.truth)
 
+    def step_of(self, effect: str) -> decide.Evidence:
+        """Evidence of the step in which an effect was found; nothing where it was read off."""
+        order = self.document["evidence"]["order"]
+        return self.step(order.index(effect)) if effect in order else decide.NOTHING
+
     def step(self, k: int) -> decide.Evidence:
         """Evidence of a step."""
         steps = self.document["evidence"]["steps"]
@@ -133,8 +138,7 @@ def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
         return verdict | {"verdict": "none"}
     groups = []
     for name in seen.adopted:
-        order = seen.document["evidence"]["order"]
-        evidence = seen.step(order.index(name) if name in order else len(order) + 1)
+        evidence = seen.step_of(name)
         if name in evidence.effects and (group := decide.twins(evidence, name, effects)):
             groups.append(group)
     return verdict | {"verdict": "ambiguous" if groups else "effect", "ambiguous_with": groups}
