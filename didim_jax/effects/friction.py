@@ -8,9 +8,8 @@ from jax import Array
 
 from .._types import Scalar
 from ..params import param, setting
-from ..plant.friction import late
 from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
-from ._law import power, turn
+from ._law import late, power, turn
 
 
 class AbstractGripEffect(AbstractEffect):

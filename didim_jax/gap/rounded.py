@@ -6,9 +6,10 @@ import equinox as eqx
 from jax import Array
 
 from .._types import Scalar
+from ..effects._law import late
 from ..params import param, setting
 from ..plant import AbstractFriction, AbstractPlant
-from ..plant.friction import late, smooth_sign
+from ..plant.friction import smooth_sign
 
 
 class RoundedCoulombViscous(AbstractFriction):

@@ -18,11 +18,6 @@ def smooth_sign(v: Array, v_eps: Scalar) -> Array:
     return jnp.tanh(v / v_eps)
 
 
-def late(v: Array, v_eps: Scalar, tail: Scalar) -> Array:
-    """1 - tail v_eps / (v_eps + |v|): what makes a sign come up to one more slowly than tanh; a tail of 0 leaves it."""
-    return 1 - tail * v_eps / (v_eps + jnp.abs(v))
-
-
 class AbstractFriction(eqx.Module):
     """A friction force (N) that opposes the velocity (m/s): positive force for positive velocity."""
 
