@@ -11,11 +11,6 @@ def power(v: Array, per: Scalar, exponent: Scalar) -> Array:
     return jnp.exp(0.5 * exponent * (jnp.log(v * v + 1e-14) - 2 * jnp.log(per)))
 
 
-def late(v: Array, v_eps: Scalar, tail: Scalar) -> Array:
-    """1 - tail v_eps / (v_eps + |v|): what makes a sign come up to one more slowly than tanh; a tail of 0 leaves it."""
-    return 1 - tail * v_eps / (v_eps + jnp.abs(v))
-
-
 def turn(q: Array, lead: Scalar) -> Array:
     """phi = 2 pi q / lead, rad: angle of the screw."""
     return 2 * jnp.pi * q / lead

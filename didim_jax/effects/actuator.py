@@ -78,29 +78,42 @@ class TimeDelay(AbstractEffect):
         return _LATE
 
 
+_CORNER = 1e-3
+
+
 class Saturation(AbstractEffect):
-    """tau = g clip(vir, -limit, limit) with a limit below the documented one, which is the null."""
+    """|tau| = g (b + s (1 - exp(-(|vir| - b) / s))) above b = limit (1 - soft), s = limit (soft + 0.001).
+
+    Below b nothing is lost; far above it g limit is all there is. soft = 0 is a hard limit. Null: the documented limit.
+    """
 
     block: ClassVar[Block] = Block.ACTUATOR
     name: ClassVar[str] = "saturation"
-    equation: ClassVar[str] = "tau = g clip(vir, -limit, limit)"
+    equation: ClassVar[str] = "tau = g clip(vir, -limit, limit), corner rounded over soft limit"
     size: ClassVar[str] = "below the documented limit"
     source: ClassVar[str] = "current limit of the amplifier"
     sampled: ClassVar[bool] = True
     limit: Scalar = param("V", scale=1.0, lower=0.05, default=jnp.inf)
+    soft: Scalar = param("1", scale=0.1, lower=0.0, upper=0.4, default=0.0)
 
     @classmethod
     def at(cls, bench: Bench) -> "Saturation":
         return cls(limit=bench.limit)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        most = signals.gain * self.limit
+        most = signals.gain * jnp.minimum(self.limit, 1e9)
         u = signals.incoming
-        return jnp.where(jnp.abs(u) > most, jnp.sign(u) * most - u, 0.0), x  # nothing at all up to the limit
+        over = jnp.maximum(jnp.abs(u) - most * (1 - self.soft), 0.0)
+        s = most * (self.soft + _CORNER)
+        return -jnp.sign(u) * (over - s * (1 - jnp.exp(-over / s))), x  # nothing at all up to the corner
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         sorted_volts = np.quantile(np.abs(bench.volts), [0.9, 0.96, 0.985, 0.995, 0.999])
-        return tuple(Probe({"limit": min(float(v), 0.98 * bench.limit)}, linear=False) for v in sorted_volts)
+        limits = [min(float(v), 0.98 * bench.limit) for v in sorted_volts]
+        return (
+            *(Probe({"limit": v}, linear=False) for v in limits),
+            *(Probe({"limit": v, "soft": 0.2}, linear=False) for v in (limits[2], limits[4])),
+        )
 
 
 class AmplifierDeadZone(AbstractEffect):
@@ -140,7 +153,7 @@ class GainNonlinearity(AbstractEffect):
     source: ClassVar[str] = "saturating magnetic circuit"
     sampled: ClassVar[bool] = True
     k: Scalar = param("1/V", scale=0.01, lower=-0.09, upper=0.09, default=0.0)
-    p: Scalar = param("1", scale=0.5, lower=0.5, upper=3.0, default=1.0)
+    p: Scalar = param("1", scale=0.5, lower=0.7, upper=2.2, default=1.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         u = signals.incoming

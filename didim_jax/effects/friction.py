@@ -9,7 +9,7 @@ from jax import Array
 from .._types import Scalar
 from ..params import param, setting
 from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
-from ._law import late, power, turn
+from ._law import power, turn
 
 
 class AbstractGripEffect(AbstractEffect):
@@ -49,7 +49,8 @@ class AsymmetricCoulomb(AbstractEffect):
     tail: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.0)
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
-        return -self.dFc * jnp.tanh(jnp.abs(signals.v1) / self.v0) * late(signals.v1, self.v0, self.tail), x
+        speed = jnp.abs(signals.v1)
+        return -self.dFc * jnp.tanh(speed / self.v0) * (1 - self.tail * self.v0 / (self.v0 + speed)), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFc": 2.0}),)

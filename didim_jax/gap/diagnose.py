@@ -10,6 +10,7 @@ from ..effects import AbstractEffect, Bench, Block
 from ..hygiene import admit
 from ..machine import Machine
 from ..recording import Recording
+from . import decide
 from .diagnosis import Diagnosis, Gap, Run
 from .fit import Fit
 from .hunt import Found, atlas_of, hunt
@@ -18,7 +19,7 @@ from .numbers import base_shifts, candidates, closed, parameters, predict, rms_f
 from .prepared import Prepared, prepare
 from .readings import CONTROLLER, GRID, PULSES, Readings, read_off
 from .search import Searcher
-from .verdict import Verdict, evidence, judge_findings, next_experiment, quality
+from .verdict import Quality, Verdict, evidence, judge_findings, next_experiment, quality
 from .whereabouts import whereabouts
 
 INVISIBLE = ("drive_gain",)
@@ -111,7 +112,7 @@ def diagnose(
         last_in={e: found.last_in[e] for e in verdict.effects if e in found.last_in},
         where=whereabouts(searcher, nominal, found.last, found.adopted, read),
         experiment=next_experiment(searcher, found, verdict, catalogue),
-        remarks=(*remarks, *read.remarks, *((ABSORBED,) if verdict.verdict == "none" else ())),
+        remarks=(*remarks, *read.remarks, *_hum(q), *((ABSORBED,) if verdict.verdict == "none" else ())),
         candidates=candidates(searcher, found, verdict.ranking, floor),
         atlas=atlas_of(record, left(record, before)),
         atlas_after=atlas_of(record, left(record, after)),
@@ -143,6 +144,15 @@ def _simulated(
     if bench.grid:
         after = prepare(quiet, machine, catalogue, bench).model.run(found.last.xs[0])
     return before, after
+
+
+def _hum(q: Quality) -> tuple[str, ...]:
+    if q.line < decide.ODD:
+        return ()
+    return (
+        f"What is left hums at {q.line_hz:.4g} Hz ({100 * q.line:.0f} % of it): mains, a fan or a machine nearby? "
+        "Nothing in the catalogue is as steady.",
+    )
 
 
 def _judged(searcher: Searcher, second: Prepared, fit: Fit, found: Found, moved: dict[str, float]) -> np.ndarray:

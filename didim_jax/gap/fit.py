@@ -12,7 +12,11 @@ from .prepared import Prepared
 STOPPED = 1e6
 """Residual of a simulation that diverged: a step that leads there is rejected."""
 
-PRIORS: Mapping[str, tuple[float, float, float]] = {"coupling_damping.C": (25.0, 12.0, 80.0), "tail": (0.0, 0.15, 0.8)}
+PRIORS: Mapping[str, tuple[float, float, float]] = {
+    "coupling_damping.C": (25.0, 12.0, 80.0),
+    "tail": (0.0, 0.2, 1.0),
+    "knee": (0.0, 0.5, 1.0),
+}
 """Mean, standard deviation and most (SI) of what every machine has a little of, unless it is the effect looked for."""
 
 _OVERFLOW = 1e100

@@ -10,6 +10,7 @@ from . import decide
 from .atlas import Atlas, atlas
 from .fit import PRIORS, Fit
 from .prepared import Prepared, motion
+from .relevance import blocks
 from .remainder import Remainder, remainder
 from .search import Refit, Searcher, Step
 
@@ -26,8 +27,6 @@ SIMPLER = 0.02
 """Share of the energy left that a parameter must be worth in that."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
-BLOCK_S = 0.5
-"""Length of the interleaved blocks on which an effect must gain without having been fitted there."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,13 +154,12 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
-    """Whether the effect gains this share on interleaved blocks that took no part in its fit, both halves together."""
+    """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
-    block = max(1, round(BLOCK_S / searcher.records[0].dt))
-    lengths = [len(p.channels[0].observed) for p in searcher.records]
+    halves = [blocks(len(p.channels[0].observed), p.dt, folds=2) for p in searcher.records]
     without = with_it = 0.0
     for half in (0, 1):
-        mask = [(np.arange(n) // block) % 2 == half for n in lengths]
+        mask = [half_of == half for half_of in halves]
         problem = searcher.problem(mask=mask)
         one, two = (
             problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(free), 4)

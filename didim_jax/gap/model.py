@@ -20,7 +20,7 @@ from ..effects import AbstractEffect
 from ..params import Parameter, pack, parameters, unpack
 from ..simulate import Excitation, SampledLoop, Start, simulate
 from ..sliding import Sliding
-from .rounded import with_sign
+from .rounded import SHAPE, with_sign
 
 SOLVER = Sliding()
 SUBSTEPS = 4
@@ -74,8 +74,8 @@ class _Traced(eqx.Module):
         plant_parameters = parameters(chain.plant)
         at = len(plant_parameters)
         plant = unpack(chain.plant, values[:at])
-        plant = with_sign(plant, values[at], values[at + 1])
-        at += 2
+        plant = with_sign(plant, values[at : at + len(SHAPE)])
+        at += len(SHAPE)
         effects = []
         for effect in chain.effects:
             chosen = parameters(effect)
@@ -105,7 +105,7 @@ def _columns(traced: _Traced, x: Array, basis: Array) -> tuple[Array, Array]:
 class Model:
     """A record, the machine around a nominal plant, and every effect of the catalogue, as a function of one vector x.
 
-    x lists the plant's parameters, smoothing speed and tail of the friction's sign, the effects' parameters in the
+    x lists the plant's parameters, the shape of the friction's sign, the effects' parameters in the
     order of the catalogue, and shifts of the initial state; it is 0 at every null, and near 1 in size at a typical
     value.
     """
@@ -230,7 +230,7 @@ def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start)
     found = [_entry("", p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
     found = [dataclasses.replace(e, null=0.0, lower=-np.inf, upper=np.inf) for e in found]
     found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-6, 2e-2, logarithmic=True))
-    found.append(Entry("", "tail", "1", 0.1, 0.0, 0.0, 0.8))
+    found += [Entry("", name, "1", 0.1, 0.0, 0.0, 1.0) for name in SHAPE[1:]]
     for effect in effects:
         values = pack(effect).tolist()
         found += [_entry(effect.label(), p, v) for p, v in zip(parameters(effect), values, strict=True)]

@@ -16,6 +16,7 @@ from .hunt import Found
 from .judge import left, relative
 from .prepared import Prepared, prepare
 from .readings import Readings
+from .rounded import SHAPE
 from .search import Searcher
 from .spread import standard_deviations
 
@@ -121,7 +122,7 @@ def base_shifts(searcher: Searcher, found: Found) -> dict[str, Shift]:
     return {
         model.names[i]: Shift(before[model.names[i]], after[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
         for i in model.of("")
-        if model.names[i] not in ("offset", "tail")  # an effect here; of the sign's shape
+        if model.names[i] not in ("offset", *SHAPE[1:])  # an effect here; how the sign rises
     }
 
 

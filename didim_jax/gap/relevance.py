@@ -15,15 +15,15 @@ TEMPER = 3.0
 """Noise inside the band, and what no column fits, is correlated over a few samples: that many count as one."""
 
 
-def blocks(n: int, dt: float) -> np.ndarray:
-    """Fold of every sample: blocks of 0.4 s (less if the record is short), shuffled within each run of five.
+def blocks(n: int, dt: float, folds: int = FOLDS) -> np.ndarray:
+    """Fold of every sample: blocks of 0.4 s (less if the record is short), shuffled within each run of `folds`.
 
     In order they would fall on the same place of a stroke that repeats every two seconds, and never be fitted there.
     """
-    length = max(1, min(round(BLOCK_S / dt), n // (2 * FOLDS)))
+    length = max(1, min(round(BLOCK_S / dt), n // (2 * folds)))
     count = -(-n // length)
     rng = np.random.default_rng(0)
-    order = np.concatenate([rng.permutation(FOLDS) for _ in range(-(-count // FOLDS))])
+    order = np.concatenate([rng.permutation(folds) for _ in range(-(-count // folds))])
     return np.repeat(order[:count], length)[:n]
 
 

@@ -1,7 +1,7 @@
-"""What a fit leaves, told from noise: does it still go with the motion, does it come in bursts, does it drift too far?
+"""What a fit leaves, told from noise: does it go with the motion, come in bursts, hum at one frequency, drift too far?
 
 The residual is made white by its own noise first. What noise alone gives is then the same at every noise level: no
-share closed on blocks left out, windows of like energy, a drift of a fraction of the rest.
+share closed on blocks left out, windows of like energy, no line above the others, a drift of a fraction of the rest.
 """
 
 import dataclasses
@@ -29,19 +29,22 @@ _SETTLED, _STEADY = 0.09, 0.6
 
 @dataclasses.dataclass(frozen=True)
 class Remainder:
-    """Shares of the whitened energy: `followed` by smooth functions of the motion, on blocks left out; in `bursts`.
+    """Shares of the whitened energy: `followed` by smooth functions of the motion, on blocks left out; in `bursts`; in
+    the strongest `line` of the spectrum, at `line_hz`.
 
     `drift` is the rms of the slow part against the level of the rest at low frequency; a machine has 0.1 to 0.4.
     """
 
     followed: float
     bursts: float
+    line: float
+    line_hz: float
     drift: float
 
     @property
     def structured(self) -> float:
         """Share that is not noise."""
-        return max(self.followed, self.bursts)
+        return max(self.followed, self.bursts, self.line)
 
     @property
     def settled(self) -> bool:
@@ -53,7 +56,7 @@ def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     """Of a residual of the record's force, N, (n_decimated,)."""
     force, dt = record.channels[0], record.dt
     if float(np.sqrt(np.mean(residual**2))) < force.least:
-        return Remainder(0.0, 0.0, 0.0)
+        return Remainder(0.0, 0.0, 0.0, 0.0, 0.0)
     noise = record.noise(force, residual)
     white = noise.whitening(len(residual), dt)(residual)
     q, v, a, qg = motion(record)
@@ -61,7 +64,7 @@ def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     with threadpoolctl.threadpool_limits(1, user_api="blas"):  # threads only wait for each other at this size
         fit = Regression(list(columns.values()), white, blocks(len(white), dt))
         followed = fit.share(fit.prior(range(len(columns))))
-    return Remainder(followed, bursts(white, qg, dt), noise.slow / noise.sigma)
+    return Remainder(followed, bursts(white, qg, dt), *line(white, dt), noise.slow / noise.sigma)
 
 
 def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
@@ -79,3 +82,16 @@ def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:
     quiet = float(np.quantile(energies, QUIET)) / _QUIET_SHARE
     loud = energies > LOUD * quiet
     return float(np.sum(energies[loud] - quiet) / max(np.sum(energies), 1e-300))
+
+
+def line(white: np.ndarray, dt: float) -> tuple[float, float]:
+    """Share of the energy of white noise, (n,) every dt s, that one steady sinusoid holds, and its frequency, Hz.
+
+    Some 0.02 in noise. Mains, a fan or a neighbour's machine go with no motion and come in no bursts.
+    """
+    n = len(white)
+    power = np.abs(np.fft.rfft(white, 4 * n)) ** 2
+    f = np.fft.rfftfreq(4 * n, dt)
+    power[f < 2 / (n * dt)] = 0.0  # less than two turns are a drift
+    strongest = int(np.argmax(power))
+    return float(2 * power[strongest] / max(n * float(white @ white), 1e-300)), float(f[strongest])

@@ -22,14 +22,16 @@ FOREIGN = 0.5
 class Quality:
     """What the hunt came to.
 
-    `gain` is the share of the residual's energy that the first effect closed. `followed`, `bursts` and `drift` say what
-    the last residual still holds (see `Remainder`), `structured` its share that is not noise; `left` is that as a share
-    of all there was to explain. `law_left` is the share of r_C that nothing explains.
+    `gain` is the share of the residual's energy that the first effect closed. `followed`, `bursts`, `line`, `line_hz`
+    and `drift` say what the last residual still holds (see `Remainder`), `structured` its share that is not noise;
+    `left` is that as a share of all there was to explain. `law_left` is the share of r_C that nothing explains.
     """
 
     gain: float
     followed: float
     bursts: float
+    line: float
+    line_hz: float
     drift: float
     structured: float
     left: float
@@ -47,7 +49,13 @@ def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     before, after = (float(np.sum(fit.residuals[0][0] ** 2)) for fit in (found.nominal, found.last))
     left, explained = remains.structured * after, max(before - after, 0.0)
     share = left / max(left + explained, 1e-300)
-    return Quality(closed, remains.followed, remains.bursts, remains.drift, remains.structured, float(share), law_left)
+    return Quality(
+        gain=closed,
+        **dataclasses.asdict(remains),
+        structured=remains.structured,
+        left=float(share),
+        law_left=law_left,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
