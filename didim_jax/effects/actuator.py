@@ -26,7 +26,8 @@ _LATE = tuple(Probe({"T": T}, linear=False) for T in (3e-4, 1e-3, 2.5e-3))
 class AmplifierLag(AbstractEffect):
     """T F' + F = F_command under a held command, as its mean over each sample; null T = 0.
 
-    mean = u + (F - u) r (1 - a), F[k+1] = u + (F - u) a, r = T / dt, a = exp(-1 / r).
+    mean = u + (F - u) r (1 - a), F[k+1] = u + (F - u) a, r = T / dt, a = exp(-1 / r). A little less than 0 is a command
+    that is taken over early, against the encoder.
     """
 
     block: ClassVar[Block] = Block.ACTUATOR
@@ -37,7 +38,7 @@ class AmplifierLag(AbstractEffect):
     source: ClassVar[str] = "current loop of the amplifier"
     least: ClassVar[Mapping[str, float]] = _TIMING
     sampled: ClassVar[bool] = True
-    T: Scalar = param("s", scale=1e-3, lower=0.0, upper=2e-2, default=0.0)
+    T: Scalar = param("s", scale=1e-3, lower=-5e-5, upper=2e-2, default=0.0)
 
     def init(self, signals: Signals) -> Any:
         return 0.0 * signals.q1 + signals.force

@@ -26,7 +26,7 @@ SOLVER = Sliding()
 SUBSTEPS = 4
 """Real friction holds at rest: a nominal plant that creeps there would call every dwell a gap."""
 
-ALWAYS = frozenset({"coupling_damping"})
+ALWAYS = frozenset({"amplifier_lag", "coupling_damping"})
 """Effects that every machine has a little of: every program holds them."""
 
 WIDTH = 24

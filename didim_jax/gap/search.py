@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..effects import AbstractEffect
+from ..effects import AbstractEffect, Block
 from ..errors import InputError
 from .fit import PRIORS, Fit, Problem
 from .noise import Whitening
@@ -124,7 +124,8 @@ class Searcher:
         """Places of what every fit moves: plant, smoothing, initial state, and what every machine has a little of."""
         model = self.model
         plant = [i for i in model.of("") if model.names[i] != "offset"]  # that one is an effect here
-        always = [model.index[name] for name in PRIORS if self.flexible and name in model.index]
+        acting = {e.label() for e in model.effects if self.flexible or e.block is not Block.COUPLING}
+        always = [i for name, i in model.index.items() if name in PRIORS and model.entries[i].owner in acting]
         return list(dict.fromkeys([*plant, *model.of("start"), *always]))
 
     @property
