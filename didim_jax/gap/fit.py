@@ -12,13 +12,13 @@ from .prepared import Prepared
 STOPPED = 1e6
 """Residual of a simulation that diverged: a step that leads there is rejected."""
 
-PRIORS: Mapping[str, tuple[float, float, float]] = {
-    "amplifier_lag.T": (0.0, 2e-5, 1e-4),
-    "coupling_damping.C": (25.0, 12.0, 80.0),
-    "tail": (0.0, 0.2, 1.0),
-    "knee": (0.0, 0.5, 1.0),
+PRIORS: Mapping[str, tuple[float, float, float, float]] = {
+    "amplifier_lag.T": (0.0, 2e-5, -5e-5, 1e-4),
+    "coupling_damping.C": (25.0, 12.0, 0.0, 80.0),
+    "tail": (0.0, 0.2, 0.0, 1.0),
+    "knee": (0.0, 0.5, 0.0, 1.0),
 }
-"""Mean, standard deviation and most (SI) of what every machine has a little of, unless it is the effect looked for.
+"""Mean, standard deviation, least and most (SI) of what every machine has a little of, unless it is the effect looked for.
 
 Within a sample, too: an encoder is read, and a command taken over, some microseconds early or late.
 """
@@ -117,9 +117,9 @@ class Problem:
             if place in model.of("start"):
                 priors.append((position, 0.0, START_STD))
             elif name in PRIORS and model.entries[place].owner not in free:
-                mean, std, most = PRIORS[name]
+                mean, std, least, most = PRIORS[name]
                 entry = model.entries[place]
-                high[position] = entry.encode(most)
+                low[position], high[position] = entry.encode(least), entry.encode(most)
                 priors.append((position, entry.encode(mean), std / entry.scale))
             else:
                 # What changes nothing stays where it is: a singular column would let it go anywhere.

@@ -29,6 +29,9 @@ SUBSTEPS = 4
 ALWAYS = frozenset({"amplifier_lag", "coupling_damping"})
 """Effects that every machine has a little of: every program holds them."""
 
+LEAST_FRICTION = -0.3
+"""Of a typical size: less is no machine, and an effect that bends the plant so far is hidden by it."""
+
 WIDTH = 24
 """Columns of a Jacobian that are computed together at most; more take several turns."""
 
@@ -228,7 +231,8 @@ class _Program:
 def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start) -> list[Entry]:
     plant = loop.chain.plant
     found = [_entry("", p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
-    found = [dataclasses.replace(e, null=0.0, lower=-np.inf, upper=np.inf) for e in found]
+    least = {name: LEAST_FRICTION * e.scale for e in found if (name := e.name).startswith(("Fv", "Fc"))}
+    found = [dataclasses.replace(e, null=0.0, lower=least.get(e.name, -np.inf), upper=np.inf) for e in found]
     found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-6, 2e-2, logarithmic=True))
     found += [Entry("", name, "1", 0.1, 0.0, 0.0, 1.0) for name in SHAPE[1:]]
     for effect in effects:
