@@ -249,7 +249,7 @@ POINTS: dict[str, dict[str, float]] = {
     "position_gain": {"e": 0.03},
     "velocity_gain": {"e": 0.03},
     "velocity_filter": {"T": 8e-4},
-    "saturation": {"limit": 3.0},
+    "saturation": {"limit": 3.0, "soft": 0.1},
     "amplifier_dead_zone": {"d": 0.05},
     "gain_nonlinearity": {"k": 0.01},
     "drive_gain": {"e": 0.03},

@@ -79,11 +79,8 @@ class TimeDelay(AbstractEffect):
         return _LATE
 
 
-_CORNER = 1e-3
-
-
 class Saturation(AbstractEffect):
-    """|tau| = g (b + s (1 - exp(-(|vir| - b) / s))) above b = limit (1 - soft), s = limit (soft + 0.001).
+    """|tau| = g (b + s (1 - exp(-(|vir| - b) / s))) above b = limit (1 - soft), s = limit soft.
 
     Below b nothing is lost; far above it g limit is all there is. soft = 0 is a hard limit. Null: the documented limit.
     """
@@ -104,9 +101,9 @@ class Saturation(AbstractEffect):
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         most = signals.gain * jnp.minimum(self.limit, 1e9)
         u = signals.incoming
-        over = jnp.maximum(jnp.abs(u) - most * (1 - self.soft), 0.0)
-        s = most * (self.soft + _CORNER)
-        return -jnp.sign(u) * (over - s * (1 - jnp.exp(-over / s))), x  # nothing at all up to the corner
+        over = jnp.maximum(jnp.abs(u) - most * (1 - self.soft), 0.0)  # nothing at all up to the corner
+        s = most * jnp.maximum(self.soft, 1e-6)
+        return -jnp.sign(u) * jnp.where(self.soft > 1e-6, over - s * (1 - jnp.exp(-over / s)), over), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         sorted_volts = np.quantile(np.abs(bench.volts), [0.9, 0.96, 0.985, 0.995, 0.999])

@@ -175,9 +175,10 @@ class Model:
         moved[list(chosen)] = True
         program = self._program(moved)
         value, parts = np.zeros((2, self.n)), []
-        for k in range(0, len(chosen), program.width):
-            part = list(chosen[k : k + program.width])
-            basis = np.zeros((program.width, len(x)))
+        width = program.width_for(len(chosen))
+        for k in range(0, len(chosen), width):
+            part = list(chosen[k : k + width])
+            basis = np.zeros((width, len(x)))
             basis[np.arange(len(part)), part] = 1.0
             first, tangents = _columns(program.traced, program.part(x), program.part(basis))
             value = np.asarray(first)
@@ -208,20 +209,21 @@ class Model:
         return _Program(traced, places)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class _Program:
     """A loop with some of the effects in it, and where its entries lie in the whole x."""
 
     traced: _Traced
     places: np.ndarray
+    width: int = 0
 
-    @property
-    def width(self) -> int:
-        """Columns computed together: all there are, in steps of four (a register's), whichever are chosen.
+    def width_for(self, columns: int) -> int:
+        """Columns computed together: as many as ever asked for, in steps of four (a register's).
 
-        So a program compiles once.
+        So a program compiles once, or once more for an effect that it always holds and that is seldom looked for.
         """
-        return min(WIDTH, 4 * math.ceil((len(self.places) - 1) / 4))
+        self.width = max(self.width, min(WIDTH, 4 * math.ceil(columns / 4)))
+        return self.width
 
     def part(self, x: np.ndarray) -> Array:
         """Its entries of x, along the last axis."""

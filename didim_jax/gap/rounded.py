@@ -16,8 +16,8 @@ class RoundedCoulombViscous(AbstractFriction):
     """F = Fv v + Fc s(v), s = (1 - tail - knee) tanh(x) + tail x / (1 + |x|) + knee x / sqrt(1 + x^2), x = v / v_eps.
 
     How a drive's friction passes through rest is no effect: another shape of it than tanh must not be called one. With
-    tail and knee at 0 it is `CoulombViscous`; 0.46 and 0.59 make 2/pi atan(pi x / 2) to a thousandth. It matters where
-    v_eps is wide, and nowhere else.
+    tail and knee at 0 it is `CoulombViscous`; 0.46 and 0.59 make 2/pi atan(pi x / 2) to half a percent. It matters
+    where v_eps is wide, and nowhere else.
     """
 
     Fv: Scalar = param("N s/m", scale=100.0)
@@ -30,10 +30,11 @@ class RoundedCoulombViscous(AbstractFriction):
         return self.Fv * v, self.level(v) * smooth_sign(v, self.v_eps)
 
     def level(self, v: Array) -> Array:
-        square = (v / self.v_eps) ** 2
-        x = jnp.sqrt(square + 1e-12)  # with a derivative at rest
+        x = jnp.abs(v) / self.v_eps
+        square = x * x
+        coth = jnp.sqrt(square + 1 / (1 + square / 3 + square * square * (2 / 45)))  # x / tanh(x) to 0.3 %, and faster
         rises = self.tail / (1 + x) + self.knee / jnp.sqrt(1 + square)
-        return self.Fc * (1 - self.tail - self.knee + rises * x / jnp.tanh(x))
+        return self.Fc * (1 - self.tail - self.knee + rises * coth)
 
 
 SHAPE = ("v_eps", "tail", "knee")
