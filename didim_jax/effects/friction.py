@@ -12,33 +12,40 @@ from ._base import AbstractEffect, Bench, Block, Forces, Probe, Signals
 from ._law import power, turn
 
 
-class AbstractGripEffect(AbstractEffect):
-    """A friction g(q, v) s that opposes the motion like Coulomb friction, and at rest holds.
+class AbstractSidedEffect(AbstractEffect):
+    """Friction of which `load_share` rubs on the load side, the rest on the motor side.
 
-    `load_share` of it rubs on the load side, the rest on the motor side. Which one shows near the mode and where
-    friction holds; the deflection itself is micrometres, so q and v are the motor's for both.
+    Which one shows near the mode, in the deflection, and where friction holds. The deflection itself is micrometres, so
+    q and v are the motor's for both.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     load_share: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.5)
+
+    def sides(self, f: Array, signals: Signals) -> tuple[Array, Array]:
+        """f on the motor side and on the load side; a rigid drive has one side."""
+        share = jnp.where(signals.stiffness == 0, 0.0, self.load_share)
+        return (1 - share) * f, share * f
+
+
+class AbstractGripEffect(AbstractSidedEffect):
+    """A friction g(q, v) s that opposes the motion like Coulomb friction, and at rest holds."""
 
     @abc.abstractmethod
     def grip(self, q: Array, v: Array, signals: Signals) -> Array:
         """g (N) at q (m) and v (m/s) of the motor side."""
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
-        g = self.grip(signals.q1, signals.v1, signals)
-        share = jnp.where(signals.stiffness == 0, 0.0, self.load_share)  # a rigid drive has one side
-        return Forces(grip_motor=(1 - share) * g, grip_load=share * g), x
+        motor, load = self.sides(self.grip(signals.q1, signals.v1, signals), signals)
+        return Forces(grip_motor=motor, grip_load=load), x
 
 
-class AsymmetricCoulomb(AbstractEffect):
+class AsymmetricCoulomb(AbstractSidedEffect):
     """f = dFc tanh(|v| / v0) (1 - tail v0 / (v0 + |v|)): Coulomb friction larger in one direction; null dFc = 0.
 
     None at rest, from where it comes up over v0: as tanh does, or with a tail more slowly.
     """
 
-    block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_coulomb"
     equation: ClassVar[str] = "-dFc tanh(|v| / v0) (1 - tail v0 / (v0 + |v|))"
     size: ClassVar[str] = "1-5 N"
@@ -48,18 +55,19 @@ class AsymmetricCoulomb(AbstractEffect):
     v0: Scalar = param("m/s", scale=3e-4, lower=1e-5, upper=5e-3, default=3e-4)
     tail: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.0)
 
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         speed = jnp.abs(signals.v1)
-        return -self.dFc * jnp.tanh(speed / self.v0) * (1 - self.tail * self.v0 / (self.v0 + speed)), x
+        rises = jnp.tanh(speed / self.v0) * (1 - self.tail * self.v0 / (self.v0 + speed))
+        motor, load = self.sides(-self.dFc * rises, signals)
+        return Forces(motor=motor, load=load), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFc": 2.0}),)
 
 
-class AsymmetricViscous(AbstractEffect):
+class AsymmetricViscous(AbstractSidedEffect):
     """f = dFv (|v| - v0 (1 - e^(-|v| / v0))): viscous friction larger in one direction, from v0 on; null dFv = 0."""
 
-    block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "asymmetric_viscous"
     equation: ClassVar[str] = "-dFv (|v| - v0 (1 - exp(-|v| / v0)))"
     size: ClassVar[str] = "15-60 N s/m"
@@ -68,9 +76,10 @@ class AsymmetricViscous(AbstractEffect):
     dFv: Scalar = param("N s/m", scale=30.0, default=0.0)
     v0: Scalar = param("m/s", scale=3e-3, lower=1e-5, upper=0.03, default=1e-4)
 
-    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
+    def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         speed = jnp.abs(signals.v1)
-        return -self.dFv * (speed + self.v0 * jnp.expm1(-speed / self.v0)), x
+        motor, load = self.sides(-self.dFv * (speed + self.v0 * jnp.expm1(-speed / self.v0)), signals)
+        return Forces(motor=motor, load=load), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return (Probe({"dFv": 30.0}),)
