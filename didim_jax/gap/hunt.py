@@ -121,7 +121,9 @@ def gain(step: Step, refit: Refit) -> float:
     Energy says what matters; the likelihood, in which a slow drift weighs little, what is certain.
     """
     share = 1 - energy(refit.fit) / energy(step.before)
-    return share if _likely(refit) - step.log_likelihood > CERTAIN else min(share, 0.3 * decide.RELEVANT)
+    # What closes most of the gap needs less: noise that looks like an effect seldom is all the noise there is.
+    certain = _likely(refit) - step.log_likelihood > CERTAIN * (1 - max(share, 0.0))
+    return share if certain else min(share, 0.3 * decide.RELEVANT)
 
 
 def _likely(refit: Refit) -> float:
