@@ -345,6 +345,17 @@ class Motion:
         """A friction of size g (N) on both masses."""
         return -(1 - load_share) * g * self.s1, -load_share * g * self.s2
 
+    def damped(self, C, eta):
+        """A damper and a loss factor in the coupling of 8.8e5 N/m."""
+        rate = self.v2 - self.v1
+        force = C * rate + eta * 8.8e5 * np.abs(self.delta) * rate / np.hypot(rate, 1e-3)
+        return force, -force
+
+    @staticmethod
+    def pushes(f, load_share):
+        """f (N) against the direction of positive motion, on both masses."""
+        return -(1 - load_share) * f, -load_share * f
+
 
 def legendre(x, *c):
     return np.polynomial.legendre.legval(x, (0.0, *c))
@@ -359,12 +370,12 @@ X = (0.1075, 0.0075)  # middle and half of the stroke, m
 # effect: sizes, and (N on the motor side, N on the load side) from the motion
 LAWS: dict[str, tuple[dict[str, float], Any]] = {
     "asymmetric_coulomb": (
-        {"dFc": 2.0, "v0": 1e-3, "tail": 0.6},
-        lambda m: (-2 * np.tanh(np.abs(m.v1) / 1e-3) * (1 - 0.6e-3 / (1e-3 + np.abs(m.v1))), 0),
+        {"dFc": 2.0, "v0": 1e-3, "tail": 0.6, "load_share": 0.3},
+        lambda m: m.pushes(2 * np.tanh(np.abs(m.v1) / 1e-3) * (1 - 0.6e-3 / (1e-3 + np.abs(m.v1))), 0.3),
     ),
     "asymmetric_viscous": (
-        {"dFv": 30.0, "v0": 5e-3},
-        lambda m: (-30 * (np.abs(m.v1) - 5e-3 * (1 - np.exp(-np.abs(m.v1) / 5e-3))), 0),
+        {"dFv": 30.0, "v0": 5e-3, "load_share": 0.8},
+        lambda m: m.pushes(30 * (np.abs(m.v1) - 5e-3 * (1 - np.exp(-np.abs(m.v1) / 5e-3))), 0.8),
     ),
     "stribeck": (
         {"dFs": 4.0, "vs": 0.01, "a": 1.5, "load_share": 0.3},
@@ -391,7 +402,7 @@ LAWS: dict[str, tuple[dict[str, float], Any]] = {
             -warming(m.middle, 0.5, 0.3) * (0.3 * 9.5 * m.s2 + 0.2 * 96.5 * m.v2),
         ),
     ),
-    "coupling_damping": ({"C": 300.0}, lambda m: (300 * (m.v2 - m.v1), -300 * (m.v2 - m.v1))),
+    "coupling_damping": ({"C": 300.0, "eta": 0.08}, lambda m: m.damped(300.0, 0.08)),
     "cubic_stiffness": (
         {"k3": 0.05, "reach": 6e-5},
         lambda m: (

@@ -169,7 +169,7 @@ def test_an_amplifier_that_loses_the_first_volts(emps_like):
 
 
 def test_twins_are_named_together_with_what_would_part_them(emps_like):
-    d = diagnosed(emps_like, drives=lagging(1.4e-3))
+    d = diagnosed(emps_like, drives=lagging(1.8e-3))
     assert d.verdict == "ambiguous" and set(d.ambiguous_with[0]) == {"amplifier_lag", "time_delay"}
     assert d.effects == d.ambiguous_with[0][:1]
     assert d.experiment is not None and d.experiment.what and 0 < d.experiment.angle_deg <= 90

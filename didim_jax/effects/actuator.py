@@ -101,7 +101,8 @@ class Saturation(AbstractEffect):
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Array, Any]:
         most = signals.gain * jnp.minimum(self.limit, 1e9)
         u = signals.incoming
-        over = jnp.maximum(jnp.abs(u) - most * (1 - self.soft), 0.0)  # nothing at all up to the corner
+        beyond = jnp.abs(u) - most * (1 - self.soft)
+        over = jnp.where(beyond > 0, beyond, 0.0)  # nothing at all up to the corner
         s = most * jnp.maximum(self.soft, 1e-6)
         return -jnp.sign(u) * jnp.where(self.soft > 1e-6, over - s * (1 - jnp.exp(-over / s)), over), x
 

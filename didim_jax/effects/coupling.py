@@ -10,7 +10,6 @@ from ..params import param, setting
 from ._base import AbstractEffect, Bench, Block, Probe, Signals
 from ._law import turn
 
-
 _SLIDES = 1e-3  # m/s
 
 

@@ -15,10 +15,10 @@ STOPPED = 1e6
 PRIORS: Mapping[str, tuple[float, float, float, float]] = {
     "amplifier_lag.T": (0.0, 2e-5, -5e-5, 1e-4),
     "coupling_damping.C": (25.0, 12.0, 0.0, 80.0),
-    "tail": (0.0, 0.2, 0.0, 1.0),
-    "knee": (0.0, 0.5, 0.0, 1.0),
+    "tail": (0.0, 0.15, 0.0, 1.0),
+    "knee": (0.0, 0.3, 0.0, 1.0),
 }
-"""Mean, standard deviation, least and most (SI) of what every machine has a little of, unless it is the effect looked for.
+"""Mean, standard deviation, least and most (SI) of what every machine has a little of, if it is not looked for.
 
 Within a sample, too: an encoder is read, and a command taken over, some microseconds early or late.
 """

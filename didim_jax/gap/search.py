@@ -244,7 +244,8 @@ class Searcher:
         """A first, cheap refit of a score's effect from where the score puts it and everything else as it was."""
         model = self.model
         chosen = list(dict.fromkeys([*before.chosen, *model.of(s.effect)]))
-        return problem.solve([model.encode(x, s.start) for x in before.xs], chosen, frozenset({s.effect, *adopted}), SHORT)
+        starts = [model.encode(x, s.start) for x in before.xs]
+        return problem.solve(starts, chosen, frozenset({s.effect, *adopted}), SHORT)
 
 
 def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
