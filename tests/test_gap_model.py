@@ -20,6 +20,7 @@ from didim_jax.effects.friction import Presliding, Stribeck
 from didim_jax.effects.sensor import EncoderPeriodicError
 from didim_jax.gap.model import SOLVER, SUBSTEPS, WIDTH, Model
 from didim_jax.gap.prepared import prepare
+from didim_jax.gap.rounded import RoundedCoulombViscous
 from didim_jax.params import param
 from didim_jax.plant import CoulombViscous, FlexibleDrive, RigidDrive
 from didim_jax.rig import excitation, first_state
@@ -202,3 +203,19 @@ def test_the_smoothing_speed_stays_positive_and_has_its_range(few):
     assert few.decode(x)["v_eps"] > 0
     x[place] = few.lower[place]
     assert few.decode(x)["v_eps"] == pytest.approx(1e-6)
+
+
+def test_the_sign_blends_three_shapes():
+    v = np.linspace(-0.05, 0.05, 2001)
+    x = v / 2e-3
+
+    def made(tail, knee):
+        return np.asarray(RoundedCoulombViscous(0.0, 10.0, 2e-3, tail, knee)(jnp.asarray(v)))
+
+    np.testing.assert_array_equal(made(0.0, 0.0), np.asarray(CoulombViscous(0.0, 10.0, 2e-3)(jnp.asarray(v))))
+    np.testing.assert_allclose(made(1.0, 0.0), 10 * x / (1 + np.abs(x)), atol=0.03)
+    np.testing.assert_allclose(made(0.0, 1.0), 10 * x / np.sqrt(1 + x**2), atol=0.03)
+    blend = made(0.3, 0.5)
+    np.testing.assert_allclose(blend, 0.2 * made(0.0, 0.0) + 0.3 * made(1.0, 0.0) + 0.5 * made(0.0, 1.0), atol=1e-9)
+    narrower = np.asarray(RoundedCoulombViscous(0.0, 10.0, 0.9 * 2e-3, 0.46, 0.59)(jnp.asarray(v)))
+    np.testing.assert_allclose(narrower, 10 * 2 / np.pi * np.arctan(0.5 * np.pi * x), atol=0.1)

@@ -6,7 +6,8 @@ import scipy.fft
 import scipy.signal
 
 from didim_jax.gap.noise import CORRELATION_TIME, Noise
-from didim_jax.gap.remainder import bursts
+from didim_jax.gap.relevance import blocks
+from didim_jax.gap.remainder import bursts, line
 
 DT, N = 8e-3, 1250
 
@@ -78,3 +79,20 @@ def test_silence_at_rest_is_no_quiet_noise():
     rests = np.concatenate([np.zeros(N // 2), np.linspace(0.0, 0.1, N - N // 2)])
     noise = draw.normal(size=(200, N)) * np.where(np.arange(N) < N // 2, 0.1, 1.0)
     assert np.mean([bursts(x, rests, DT) > 0.05 for x in noise]) < 0.05
+
+
+def test_a_steady_line_is_found_with_its_frequency_and_noise_has_none():
+    draw = np.random.default_rng(8)
+    noise, t = draw.normal(size=(200, N)), DT * np.arange(N)
+    assert np.mean([line(x, DT)[0] > 0.03 for x in noise]) < 0.02
+    found = [line(x + np.sin(2 * np.pi * 49.93 * t), DT) for x in noise]  # a third of the energy
+    assert np.mean([share for share, _ in found]) == pytest.approx(1 / 3, abs=0.03)
+    assert np.median([f for _, f in found]) == pytest.approx(49.93, abs=0.03)
+
+
+@pytest.mark.parametrize("period", [0.4, 0.5, 0.8, 1.0, 2.0])
+def test_blocks_left_out_do_not_keep_time_with_a_motion_that_repeats(period):
+    half = blocks(N, DT, folds=2) == 0
+    phase = (DT * np.arange(N) / period % 1 * 5).astype(int)
+    shares = np.array([half[phase == k].mean() for k in range(5)])
+    assert np.all((shares > 0.2) & (shares < 0.8)), shares

@@ -71,6 +71,7 @@ class Searcher:
     def __init__(self, records: Sequence[Prepared], threads: int = 1) -> None:
         self.records = tuple(records)
         self.threads = threads
+        self._plain: np.ndarray = np.zeros(0)  # where the nominal fit began: a plant as the record suggests it
         self.model = self.records[0].model
         self.whitening: list[list[Whitening]] = [
             [Whitening.flat(len(c.observed), 0.02 * c.rms) for c in p.channels] for p in self.records
@@ -140,7 +141,8 @@ class Searcher:
         costs = [float(np.sum((p.channels[0].observed - p.filtered(out, p.channels[0])) ** 2)) for out in outputs]
         if not np.isfinite(costs).any():
             raise InputError(f"{p.recording.label}: no drive of this kind follows it; check model and units.")
-        fit = self.problem().solve(starts[int(np.nanargmin(costs))], self.base, evaluations=20)
+        self._plain = starts[int(np.nanargmin(costs))]
+        fit = self.problem().solve(self._plain, self.base, evaluations=20)
         fit = self._sharpened(fit)
         self.weigh(fit)
         fit = self.problem().solve(fit.xs, self.base, evaluations=12)
@@ -213,15 +215,19 @@ class Searcher:
         tried += [
             s for name in list(by_effect)[:again_with] for s in _distinct(by_effect[name], 2) if id(s) not in seen
         ]
+        starts = [(s, before.xs) for s in tried]
+        if self._bent(before) and not adopted:
+            starts += [(s, (self._plain,) * len(self.records)) for s in tried]
 
-        def short(problem: Problem, s: Score) -> _Trial:
-            return _Trial(s, self._refit(problem, before, s, adopted))
+        def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> _Trial:
+            s, xs = start
+            return _Trial(s, self._refit(problem, before, s, xs, adopted))
 
         def long(problem: Problem, r: _Trial) -> _Trial:
             fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
             return _Trial(r.score, fit if fit.cost <= r.fit.cost else r.fit)
 
-        first = sorted((r for r in self.map(short, tried) if r.fit.ok), key=lambda r: r.fit.cost)
+        first = sorted((r for r in self.map(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
         if not first:
             return Step(before, likely, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
@@ -240,12 +246,19 @@ class Searcher:
         )
         return Step(before, likely, top, tuple(refits))
 
-    def _refit(self, problem: Problem, before: Fit, s: Score, adopted: tuple[str, ...]) -> Fit:
-        """A first, cheap refit of a score's effect from where the score puts it and everything else as it was."""
+    def _refit(
+        self, problem: Problem, before: Fit, s: Score, xs: Sequence[np.ndarray], adopted: tuple[str, ...]
+    ) -> Fit:
+        """A first, cheap refit of a score's effect from where the score puts it and everything else at xs."""
         model = self.model
         chosen = list(dict.fromkeys([*before.chosen, *model.of(s.effect)]))
-        starts = [model.encode(x, s.start) for x in before.xs]
+        starts = [model.encode(x, s.start) for x in xs]
         return problem.solve(starts, chosen, frozenset({s.effect, *adopted}), SHORT)
+
+    def _bent(self, fit: Fit) -> bool:
+        """Whether an effect has pushed the plant's friction as low as it may go."""
+        model = self.model
+        return any(-np.inf < model.lower[i] < 0 and fit.xs[0][i] < 0.9 * model.lower[i] for i in model.of(""))
 
 
 def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
