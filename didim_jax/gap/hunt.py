@@ -72,7 +72,10 @@ def hunt(
     steps: list[Step] = []
     stages: list[tuple[str, Fit]] = []
     while len(adopted) < MOST_EFFECTS:
-        settled = bool(adopted) and rest(searcher, last).settled
+        remains = rest(searcher, last) if adopted else None
+        settled = remains is not None and remains.settled
+        if remains is not None and remains.drift > decide.DRIFT:
+            searcher.weigh(last)  # the next effect may be slow: as drift it would weigh nothing
         others = [e for e in effects if e.label() not in adopted]
         step = searcher.step(last, others, adopted, worth=WORTH if settled else 0.0)
         steps.append(step)
