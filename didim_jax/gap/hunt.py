@@ -10,7 +10,7 @@ from . import decide
 from .atlas import Atlas, atlas
 from .fit import PRIORS, Fit
 from .prepared import Prepared, motion
-from .relevance import blocks
+from .relevance import halves
 from .remainder import Remainder, remainder
 from .search import Refit, Searcher, Step
 
@@ -161,10 +161,10 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
     """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
-    halves = [blocks(len(p.channels[0].observed), p.dt, folds=2) for p in searcher.records]
+    chosen = [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
     without = with_it = 0.0
     for half in (0, 1):
-        mask = [half_of == half for half_of in halves]
+        mask = [halved == half for halved in chosen]
         problem = searcher.problem(mask=mask)
         one, two = (
             problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(free), 4)
