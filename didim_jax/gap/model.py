@@ -29,6 +29,9 @@ SUBSTEPS = 4
 ALWAYS = frozenset({"amplifier_lag", "coupling_damping"})
 """Effects that every machine has a little of: every program holds them."""
 
+FRICTION = ("Fv", "Fc")
+"""How the names of a plant's friction parameters begin."""
+
 LEAST_FRICTION = -0.3
 """Of a typical size: less is no machine, and an effect that bends the plant so far is hidden by it."""
 
@@ -108,9 +111,8 @@ def _columns(traced: _Traced, x: Array, basis: Array) -> tuple[Array, Array]:
 class Model:
     """A record, the machine around a nominal plant, and every effect of the catalogue, as a function of one vector x.
 
-    x lists the plant's parameters, the shape of the friction's sign, the effects' parameters in the
-    order of the catalogue, and shifts of the initial state; it is 0 at every null, and near 1 in size at a typical
-    value.
+    x lists the plant's parameters, the shape of the friction's sign, the effects' parameters in the order of the
+    catalogue, and shifts of the initial state; it is 0 at every null, and near 1 in size at a typical value.
     """
 
     def __init__(
@@ -232,9 +234,7 @@ class _Program:
 
 def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start) -> list[Entry]:
     plant = loop.chain.plant
-    found = [_entry("", p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
-    least = {name: LEAST_FRICTION * e.scale for e in found if (name := e.name).startswith(("Fv", "Fc"))}
-    found = [dataclasses.replace(e, null=0.0, lower=least.get(e.name, -np.inf), upper=np.inf) for e in found]
+    found = [_of_plant(p, value) for p, value in zip(parameters(plant), pack(plant).tolist(), strict=True)]
     found.append(Entry("", "v_eps", "m/s", 1e-3, 0.0, 1e-6, 2e-2, logarithmic=True))
     found += [Entry("", name, "1", 0.1, 0.0, 0.0, 1.0) for name in SHAPE[1:]]
     for effect in effects:
@@ -247,6 +247,13 @@ def _entries(loop: SampledLoop, effects: Sequence[AbstractEffect], start: Start)
         for name, scale in zip(names, scales, strict=True)
     ]
     return found
+
+
+def _of_plant(p: Parameter, value: float) -> Entry:
+    """Free, but for friction: a fit finds where it is from any side."""
+    entry = _entry("", p, value)
+    lower = LEAST_FRICTION * entry.scale if p.name.startswith(FRICTION) else -np.inf
+    return dataclasses.replace(entry, null=0.0, lower=lower, upper=np.inf)
 
 
 def _entry(owner: str, p: Parameter, value: float) -> Entry:

@@ -10,6 +10,7 @@ import numpy as np
 from ..effects import AbstractEffect, Block
 from ..errors import InputError
 from .fit import PRIORS, Fit, Problem
+from .model import FRICTION
 from .noise import Whitening
 from .prepared import Prepared
 from .score import Score, score
@@ -257,8 +258,8 @@ class Searcher:
 
     def _bent(self, fit: Fit) -> bool:
         """Whether an effect has pushed the plant's friction as low as it may go."""
-        model = self.model
-        return any(-np.inf < model.lower[i] < 0 and fit.xs[0][i] < 0.9 * model.lower[i] for i in model.of(""))
+        names, low, x = self.model.names, 0.9 * self.model.lower, fit.xs[0]
+        return any(x[i] < low[i] for i in self.model.of("") if names[i].startswith(FRICTION))
 
 
 def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
