@@ -64,7 +64,7 @@ def closed(
     None where there is hardly a gap to close.
     """
     b, a = left(record, before) ** 2, left(record, after) ** 2
-    block = max(1, round(0.5 / (record.dt)))
+    block = max(1, round(0.5 / record.dt))
     groups = np.array_split(np.arange(len(b)), max(1, len(b) // block))
     sums = np.array([[b[g].sum(), a[g].sum(), floor**2 * len(g)] for g in groups])
 
@@ -140,6 +140,7 @@ def candidates(searcher: Searcher, found: Found, ranking: dict[str, float], floo
         estimates = {
             model.entries[i].name: Estimate(values[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
             for i in model.of(r.effect)
+            if np.isfinite(std.get(i, 0.0))  # otherwise the records do not show it
         }
         share = float(np.clip((before**2 - gap**2) / max(before**2 - noise**2, 1e-300), -1.0, 1.0))
         out.append(Candidate(r.effect, gap, share, ranking.get(r.effect, 0.0), estimates))
