@@ -34,9 +34,6 @@ class CouplingDamping(AbstractEffect):
         lost = self.eta * signals.stiffness * jnp.abs(signals.deflection)
         return self.C * rate + lost * rate / jnp.sqrt(rate**2 + _SLIDES**2), x
 
-    def probes(self, bench: Bench) -> tuple[Probe, ...]:
-        return Probe({"C": 200.0}), Probe({"eta": 0.05})
-
 
 class CubicStiffness(AbstractEffect):
     """F12 = K12 delta (1 + k3 u^2 / (1 + (delta / reach)^2)), u = delta / 50 um; k3 < 0 allowed; null k3 = 0.

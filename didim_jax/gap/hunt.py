@@ -72,12 +72,14 @@ def hunt(
     steps: list[Step] = []
     stages: list[tuple[str, Fit]] = []
     while len(adopted) < MOST_EFFECTS:
-        remains = rest(searcher, last) if adopted else None
-        settled = remains is not None and remains.settled
-        if remains is not None and remains.drift > decide.DRIFT:
-            searcher.weigh(last)  # the next effect may be slow: as drift it would weigh nothing
+        worth = 0.0
+        if adopted:
+            remains = rest(searcher, last)
+            worth = WORTH if remains.settled else 0.0
+            if remains.drift > decide.DRIFT:
+                searcher.weigh(last)  # the next effect may be slow: as drift it would weigh nothing
         others = [e for e in effects if e.label() not in adopted]
-        step = searcher.step(last, others, adopted, worth=WORTH if settled else 0.0)
+        step = searcher.step(last, others, adopted, worth)
         steps.append(step)
         if not step.refits:
             break
