@@ -74,10 +74,7 @@ def hunt(
     while len(adopted) < MOST_EFFECTS:
         worth = 0.0
         if adopted:
-            remains = rest(searcher, last)
-            worth = WORTH if remains.settled else 0.0
-            if remains.drift > decide.DRIFT:
-                searcher.weigh(last)  # the next effect may be slow: as drift it would weigh nothing
+            worth = WORTH if rest(searcher, last).settled else 0.0
         others = [e for e in effects if e.label() not in adopted]
         step = searcher.step(last, others, adopted, worth)
         steps.append(step)
@@ -89,7 +86,7 @@ def hunt(
             break
         say(f"{best.effect}: {100 * gain(step, best):.0f} % of what was left")
         adopted = (*adopted, best.effect)
-        last = _settle(searcher, best, adopted)
+        last = _settle(searcher, last, best, adopted)
         stages.append((best.effect, last))
     adopted, last, last_in = _eliminate(searcher, nominal, last, adopted, read)
     kept = tuple(stage for stage in stages if stage[0] in adopted)
@@ -177,7 +174,7 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tupl
     return with_it < (1 - least) * without
 
 
-def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
+def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> Fit:
     """The refit once more, its instants tried elsewhere and its channels weighed by what it leaves."""
     model, fit, free = searcher.model, best.fit, frozenset(adopted)
     effect = next(e for e in model.effects if e.label() == best.effect)
@@ -200,7 +197,10 @@ def _settle(searcher: Searcher, best: Refit, adopted: tuple[str, ...]) -> Fit:
             fit = moved
     for _ in range(2):
         searcher.weigh_by_noise(fit)
-        fit = searcher.problem().solve(fit.xs, fit.chosen, free, 8)
+        settled = searcher.problem().solve(fit.xs, fit.chosen, free, 8)
+        if energy(settled) > energy(before):  # weighed otherwise, more may be left than there was
+            break
+        fit = settled
     return fit
 
 

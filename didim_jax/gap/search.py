@@ -9,6 +9,7 @@ import numpy as np
 
 from ..effects import AbstractEffect, Block
 from ..errors import InputError
+from .decide import DRIFT
 from .fit import PRIORS, Fit, Problem
 from .model import FRICTION
 from .noise import Whitening
@@ -90,11 +91,23 @@ class Searcher:
         ]
 
     def weigh_by_noise(self, fit: Fit) -> None:
-        """The same by the noise that what it leaves shows: only where it holds no large effect any more."""
+        """The same by the noise that what it leaves shows: only where it holds no large effect any more.
+
+        A record whose force still drifts further than a machine does weighs as a whole: what is slow in it is to be
+        explained, and as noise it would weigh nothing.
+        """
         self.whitening = [
-            [p.noise(c, r).whitening(len(r), p.dt) for c, r in zip(p.channels, row, strict=True)]
+            [
+                p.whitening(c, r) if self._drifts(p, row[0]) else p.noise(c, r).whitening(len(r), p.dt)
+                for c, r in zip(p.channels, row, strict=True)
+            ]
             for p, row in zip(self.records, fit.residuals, strict=True)
         ]
+
+    @staticmethod
+    def _drifts(record: Prepared, force: np.ndarray) -> bool:
+        noise = record.noise(record.channels[0], force)
+        return noise.slow > DRIFT * noise.sigma
 
     def log_likelihood(self, fit: Fit) -> float:
         """Of what a fit leaves of all records and channels, each under the noise that its own spectrum shows."""
