@@ -121,7 +121,8 @@ class Chain(eqx.Module):
         acting = [p for p, effect in enumerate(self.effects) if not acts_once_per_sample(effect)]
         for place in sorted(acting, key=lambda p: self.effects[p].block is not Block.ACTUATOR):  # the force comes first
             effect = self.effects[place]
-            here = eqx.tree_at(lambda s: s.incoming, signals, tau)
+            so_far = (tau, signals.grip1 + total.grip_motor, signals.grip2 + total.grip_load)
+            here = eqx.tree_at(lambda s: (s.incoming, s.grip1, s.grip2), signals, so_far)
             made, rates[place] = effect(t, state.effects[place], here)
             if isinstance(made, Forces):
                 total = jax.tree.map(lambda a, b: a + b, total, made)

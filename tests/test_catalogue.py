@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.integrate
 from jax import Array
 from scipy.signal import lfilter
 
@@ -263,7 +264,7 @@ POINTS: dict[str, dict[str, float]] = {
     "position_friction": {"c1": 2.0, "c2": -1.0, "c3": 1.0, "c4": 0.5},
     "lead_friction": {"a": 2.0, "b": 1.0},
     "local_friction": {"A": 4.0, "w": 5e-3},
-    "presliding": {"share": 0.9, "sigma1": 50.0},
+    "presliding": {"share": 0.9, "T": 2e-3},
     "load_dependent_friction": {"mu": 0.05},
     "friction_drift": {"d_coulomb": 0.3, "d_viscous": 0.2},
     "coupling_damping": {"C": 300.0},
@@ -599,14 +600,31 @@ def test_below_break_away_a_bristle_holds():
 def test_a_bent_bristle_pulls_at_rest_too_and_stays_calm_at_any_speed():
     effect = Presliding(share=1.0, z_s=Z_S)
     rest = signals(level1=20.0, dt=DT)
-    made, rate = effect(jnp.asarray(0.0), jnp.asarray(0.4), rest)
+    made, rate = effect(jnp.asarray(0.0), jnp.asarray([8.0, 0.0]), rest)
     assert isinstance(made, Forces)
     # it stands in for all of Coulomb's friction
-    assert (float(made.motor), float(made.grip_motor), float(rate)) == (pytest.approx(-8.0), -20.0, 0.0)
+    assert (float(made.motor), float(made.grip_motor), float(rate[0])) == (pytest.approx(-8.0), -20.0, 0.0)
     for v in (1.0, -5.0, 100.0):  # two per sample at the most, where explicit steps of one sample are stable
         fast = signals(v1=v, s1=np.sign(v), coulomb1=20 * np.sign(v), level1=20.0, dt=DT)
-        slope = jax.grad(lambda z, fast=fast: effect(jnp.asarray(0.0), z, fast)[1])(jnp.asarray(0.0))
-        assert -2.0001 / DT < float(slope) < 0
+        slope = jax.jacobian(lambda F, fast=fast: effect(jnp.asarray(0.0), F, fast)[1])(jnp.zeros(2))
+        assert np.all(np.diag(slope) > -2.0001 / DT) and np.all(np.diag(slope) < 0)
+
+
+def test_a_bristle_takes_in_what_other_effects_add_to_friction_on_its_own_travel():
+    """Between screw and nut g = Fc + b cos(2 pi q / lead) varies on the way: dF/dq = sigma0 (1 - F / g), one way."""
+    lead, b = 2.5e-3, 6.0
+    out = coasting(
+        BRISTLE_PLANT,
+        1.2,
+        lead_friction={"a": 0.0, "b": b, "lead": lead, "load_share": 0.0},
+        presliding={"share": 1.0, "z_s": Z_S},
+    )
+    q = np.asarray(out.motor.q)
+    slope = lambda x, F: 20 / Z_S * (1 - F / (20 + b * np.cos(2 * np.pi * x / lead)))  # noqa: E731
+    expected = scipy.integrate.solve_ivp(slope, (q[0], q[-1]), [0.0], t_eval=q, rtol=1e-9, atol=1e-9).y[0]
+    np.testing.assert_allclose(bristle(out), expected, rtol=0, atol=2e-2)
+    plain = 20 + b * np.cos(2 * np.pi * q / lead)
+    assert np.max(np.abs(expected - plain)[q > q[0] + 10 * Z_S]) > 2.0  # it lags: no function of position
 
 
 @pytest.mark.parametrize("friction", [CoulombViscous(5.0, 20.0), AsymmetricCoulombViscous(5.0, 20.0, 7.0, 26.0)])

@@ -255,7 +255,7 @@ GRIPS = {
     "lead_friction": {"a": 2.0, "b": 1.0},
     "load_dependent_friction": {"mu": 0.05},
     "friction_drift": {"d_coulomb": 0.3, "d_viscous": 0.2},
-    "presliding": {"share": 0.7, "sigma1": 50.0},
+    "presliding": {"share": 0.7, "T": 2e-3},
     "base_flexibility": {"mu": 2e-3},
 }
 
@@ -303,7 +303,7 @@ def test_at_speed_both_paths_are_one(plant, name):
     t = jnp.asarray(0.1005)
     for chain, state, held in states(plant(SHARP), (effect,), at_speed=True):
         if name == "presliding":
-            state = State(state.plant, (jnp.asarray(0.4),))
+            state = State(state.plant, (jnp.asarray([8.0, 4.0]),))
         if name == "base_flexibility":
             state = State(state.plant, (jnp.asarray([1e-5, 4e-3]),))
         rates, grip = chain.free(t, state, held)

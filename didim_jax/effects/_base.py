@@ -50,9 +50,9 @@ class Signals(eqx.Module):
 
     Positions (m) and velocities (m/s) of both sides, force of the coupling on the motor side (N), command held by the
     drive (V), and what reaches this effect along the chain: position (m), volts, or motor force (N). Then the plant's
-    own friction: smooth sign of each side's velocity, Coulomb part, the same without its sign, viscous part (N). Then
-    deflection (m) and stiffness (N/m) of the coupling. Then the drive: its force (N), gain (N/V), the sample's
-    beginning and length (s). Then the control law's position and velocity terms (V).
+    own friction: smooth sign of each side's velocity, Coulomb part, the same without its sign, what the effects before
+    this one add to that, viscous part (N). Then deflection (m) and stiffness (N/m) of the coupling. Then the drive: its
+    force (N), gain (N/V), the sample's beginning and length (s). Then the control law's position and velocity terms (V).
     """
 
     q1: Array
@@ -68,6 +68,8 @@ class Signals(eqx.Module):
     coulomb2: Array = _zero()
     level1: Array = _zero()
     level2: Array = _zero()
+    grip1: Array = _zero()
+    grip2: Array = _zero()
     viscous1: Array = _zero()
     viscous2: Array = _zero()
     deflection: Array = _zero()

@@ -249,8 +249,8 @@ class FrictionDrift(AbstractEffect):
         return Forces(
             motor=-viscous * signals.viscous1,
             load=-viscous * signals.viscous2,
-            grip_motor=coulomb * signals.level1,
-            grip_load=coulomb * signals.level2,
+            grip_motor=coulomb * (signals.level1 + signals.grip1),
+            grip_load=coulomb * (signals.level2 + signals.grip2),
         ), x
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
@@ -258,42 +258,46 @@ class FrictionDrift(AbstractEffect):
 
 
 class Presliding(AbstractEffect):
-    """A share of Coulomb friction, Fc s(v), becomes a bristle's: Fc z + sigma1 z_s z', z' = (v - |v| z) / z_s.
+    """A share of the friction that grips, g s(v), becomes a bristle's: F + T F', F' = (g v - |v| F) Fc / (g z_s).
 
-    z = F / Fc, so that z_s = Fc / sigma0 is the deflection at break-away. `share` is that of the motor side's friction,
-    `load` times as much that of the load side's, on one bristle: the sides differ by micrometres. Null share = 0, and
-    1 is all of it.
+    F (N) follows g s on a travel of g / sigma0, wherever the motion turns and wherever g = Fc + ... changes on the way;
+    z_s = Fc / sigma0 is the deflection at break-away, T = sigma1 / sigma0. `share` is that of the motor side's friction,
+    `load` times as much that of the load side's; the sides differ by micrometres. Null share = 0, and 1 is all of it.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
     name: ClassVar[str] = "presliding"
-    equation: ClassVar[str] = "share (Fc z + sigma1 z_s z') for share Fc s, z' = (v - |v| z) / z_s"
+    equation: ClassVar[str] = "share (F + T F') for share g s, F' = (g v - |v| F) Fc / (g z_s)"
     size: ClassVar[str] = "z_s 60-600 um"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
     share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
     load: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.5)
     z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
-    sigma1: Scalar = param("N s/m", scale=100.0, lower=-200.0, upper=600.0, default=0.0)
+    T: Scalar = param("s", scale=2e-3, lower=-4e-3, upper=0.012, default=0.0)
 
     def init(self, signals: Signals) -> Any:
-        return 0.0 * signals.q1 + signals.s1
+        return jnp.stack([signals.level1, signals.level2]) * signals.s1
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
+        plain = jnp.stack([signals.level1, signals.level2])
+        more = jnp.stack([signals.grip1, signals.grip2])
+        level = plain + more
+        softer = jnp.clip(1 + more / jnp.where(jnp.abs(plain) > _LEAST_LEVEL, plain, _LEAST_LEVEL), 0.0, _SOFTEST)
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
-        bend = jnp.maximum(self.z_s, 0.5 * jnp.abs(signals.v1) * signals.dt)
-        rate = (signals.v1 - jnp.abs(signals.v1) * x) / bend
+        bend = jnp.maximum(self.z_s * softer, 0.5 * jnp.abs(signals.v1) * signals.dt)
+        bend = jnp.maximum(bend, _LEAST_BEND)  # where g passes through 0 at rest
+        rate = (signals.v1 * level - jnp.abs(signals.v1) * x) / bend
         load = jnp.where(signals.stiffness == 0, 0.0, self.load * self.share)  # a rigid drive has one side
-        one, two = self.share * signals.level1, load * signals.level2
-        damping = self.sigma1 * self.z_s * rate
-        return Forces(
-            motor=-one * x - self.share * damping,
-            load=-two * x - load * damping,
-            grip_motor=-one,
-            grip_load=-two,
-        ), rate
+        share = jnp.stack([self.share, load])
+        force, grip = -share * (x + self.T * rate), -share * level
+        return Forces(motor=force[0], load=force[1], grip_motor=grip[0], grip_load=grip[1]), rate
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
         return tuple(
-            Probe({"share": 1.0}, {"z_s": z, "sigma1": 50.0}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
+            Probe({"share": 1.0}, {"z_s": z, "T": 1e-3}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
         )
+
+
+_LEAST_LEVEL, _SOFTEST, _LEAST_BEND = 0.01, 10.0, 1e-6
+"""N, 1 and m: nominal friction of which others are told, and how far they may change the travel of a bristle."""
