@@ -52,7 +52,7 @@ class Signals(eqx.Module):
     drive (V), and what reaches this effect along the chain: position (m), volts, or motor force (N). Then the plant's
     own friction: smooth sign of each side's velocity, Coulomb part, the same without its sign, what the effects before
     this one add to that, viscous part (N). Then deflection (m) and stiffness (N/m) of the coupling. Then the drive: its
-    force (N), gain (N/V), the sample's beginning and length (s). Then the control law's position and velocity terms (V).
+    force (N), gain (N/V), the sample's beginning and length (s). Then the law's position and velocity terms (V).
     """
 
     q1: Array

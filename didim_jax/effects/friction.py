@@ -261,8 +261,8 @@ class Presliding(AbstractEffect):
     """A share of the friction that grips, g s(v), becomes a bristle's: F + T F', F' = (g v - |v| F) Fc / (g z_s).
 
     F (N) follows g s on a travel of g / sigma0, wherever the motion turns and wherever g = Fc + ... changes on the way;
-    z_s = Fc / sigma0 is the deflection at break-away, T = sigma1 / sigma0. `share` is that of the motor side's friction,
-    `load` times as much that of the load side's; the sides differ by micrometres. Null share = 0, and 1 is all of it.
+    z_s = Fc / sigma0 is the deflection at break-away, T = sigma1 / sigma0. `share` is that of the motor side's
+    friction, `load` times as much that of the load side's; the sides differ by micrometres. Null share = 0, 1 is all.
     """
 
     block: ClassVar[Block] = Block.MOTOR_SIDE
@@ -294,9 +294,7 @@ class Presliding(AbstractEffect):
         return Forces(motor=force[0], load=force[1], grip_motor=grip[0], grip_load=grip[1]), rate
 
     def probes(self, bench: Bench) -> tuple[Probe, ...]:
-        return tuple(
-            Probe({"share": 1.0}, {"z_s": z, "T": 1e-3}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4)
-        )
+        return tuple(Probe({"share": 1.0}, {"z_s": z, "T": 1e-3}, linear=False) for z in (8e-5, 1.8e-4, 3.5e-4, 7e-4))
 
 
 _LEAST_LEVEL, _SOFTEST, _LEAST_BEND = 0.01, 10.0, 1e-6
