@@ -160,14 +160,17 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
     """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
     start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
-    chosen = [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
+    split = [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
     without = with_it = 0.0
     for half in (0, 1):
-        mask = [halved == half for halved in chosen]
+        mask = [halved == half for halved in split]
         problem = searcher.problem(mask=mask)
         one, two = (
-            problem.solve(fit.xs, [i for i in fit.chosen if i not in start], frozenset(free), 4)
-            for fit, free in ((before, adopted), (best.fit, (*adopted, best.effect)))
+            problem.solve(fit.xs, [i for i in chosen if i not in start], frozenset(free), 4)
+            for fit, chosen, free in (
+                (before, before.chosen, adopted),
+                (best.fit, searcher.chosen(before, best.effect), (*adopted, best.effect)),
+            )
         )
         without += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(one.residuals, mask, strict=True))
         with_it += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(two.residuals, mask, strict=True))
@@ -177,6 +180,7 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tupl
 def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> Fit:
     """The refit once more, its instants tried elsewhere and its channels weighed by what it leaves."""
     model, fit, free = searcher.model, best.fit, frozenset(adopted)
+    chosen = searcher.chosen(before, best.effect)
     effect = next(e for e in model.effects if e.label() == best.effect)
     for parameter in effect.own_to_record:
         name = f"{best.effect}.{parameter}"
@@ -192,12 +196,12 @@ def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ..
                 rows = [w(c.observed - p.filtered(out, c)) for c, w in zip(p.channels, filters, strict=True)]
                 costs[k] += sum(float(r @ r) for r in rows)
         nearest = int(np.nanargmin(costs))
-        moved = problem.solve([xs[nearest] for xs in trials], fit.chosen, free, 18)
+        moved = problem.solve([xs[nearest] for xs in trials], chosen, free, 18)
         if moved.cost < fit.cost:
             fit = moved
     for _ in range(2):
         searcher.weigh_by_noise(fit)
-        settled = searcher.problem().solve(fit.xs, fit.chosen, free, 8)
+        settled = searcher.problem().solve(fit.xs, chosen, free, 8)
         if energy(settled) > energy(before):  # weighed otherwise, more may be left than there was
             break
         fit = settled

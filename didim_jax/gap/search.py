@@ -1,7 +1,7 @@
 """Which effect: score all of them, refit the best with exact Jacobians, keep what gains; again, until nothing does."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -17,9 +17,9 @@ from .prepared import Prepared
 from .score import Score, score
 
 SHORT, LONG = 5, 18
-"""Evaluations of a first, cheap refit of every candidate, and of the best ones."""
+"""Evaluations of a first, cheap refit of every candidate, and of one of the best with all that may move."""
 
-RIVAL = 4.0
+RIVAL = 3.0
 """Times the least cost after the cheap refits that a rival may leave and still be refitted in full."""
 
 
@@ -50,6 +50,10 @@ class Step:
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
     refuted: tuple[str, ...] = ()
+
+
+SAME = 1.03
+"""Times its cost within which another refit of the effect is on the way to the same minimum."""
 
 
 class _Trial(NamedTuple):
@@ -235,24 +239,27 @@ class Searcher:
 
         def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> _Trial:
             s, xs = start
-            return _Trial(s, self._refit(problem, before, s, xs, adopted))
+            chosen = [i for i in self.chosen(before, s.effect) if not self._small(i, (s.effect, *adopted))]
+            starts = [self.model.encode(x, s.start) for x in xs]
+            return _Trial(s, problem.solve(starts, chosen, frozenset({s.effect, *adopted}), SHORT))
 
         def long(problem: Problem, r: _Trial) -> _Trial:
-            fit = problem.solve(r.fit.xs, r.fit.chosen, frozenset({r.effect, *adopted}), LONG)
-            return _Trial(r.score, fit if fit.cost <= r.fit.cost else r.fit)
+            fit = problem.solve(r.fit.xs, self.chosen(before, r.effect), frozenset({r.effect, *adopted}), LONG)
+            return _Trial(r.score, fit)
 
         first = sorted((r for r in self.map(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
         if not first:
             return Step(before, likely, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
-        near = [r for r in first if r.fit.cost < RIVAL * first[0].fit.cost]
+        near = _apart([r for r in first if r.fit.cost < RIVAL * first[0].fit.cost])
         leaders = list(dict.fromkeys(r.effect for r in near))[:4]
         again = [r for r in near if r.effect in leaders[:2]][:4]
         again += [next(r for r in near if r.effect == name) for name in leaders[2:]]
         best: dict[str, _Trial] = {}
-        for r in [*self.map(long, again), *first]:
-            if r.effect not in best or r.fit.cost < best[r.effect].fit.cost:
-                best[r.effect] = r
+        for r in sorted((r for r in self.map(long, again) if r.fit.ok), key=lambda r: r.fit.cost):
+            best.setdefault(r.effect, r)
+        for r in first:
+            best.setdefault(r.effect, r)
         top = tuple(ss[0] for ss in by_effect.values())
         refits = (
             Refit(r.effect, r.fit, r.score, self.log_likelihood(r.fit), self._acting(r.effect, r.fit))
@@ -260,14 +267,14 @@ class Searcher:
         )
         return Step(before, likely, top, tuple(refits))
 
-    def _refit(
-        self, problem: Problem, before: Fit, s: Score, xs: Sequence[np.ndarray], adopted: tuple[str, ...]
-    ) -> Fit:
-        """A first, cheap refit of a score's effect from where the score puts it and everything else at xs."""
-        model = self.model
-        chosen = list(dict.fromkeys([*before.chosen, *model.of(s.effect)]))
-        starts = [model.encode(x, s.start) for x in xs]
-        return problem.solve(starts, chosen, frozenset({s.effect, *adopted}), SHORT)
+    def chosen(self, before: Fit, effect: str) -> list[int]:
+        """Places of what is refitted with an effect."""
+        return list(dict.fromkeys([*before.chosen, *self.model.of(effect)]))
+
+    def _small(self, place: int, free: Collection[str]) -> bool:
+        """Whether it belongs to the start or to what every machine has a little of: it can wait for the full refit."""
+        entry = self.model.entries[place]
+        return entry.owner == "start" or (self.model.names[place] in PRIORS and entry.owner not in free)
 
     def _bent(self, fit: Fit) -> bool:
         """Whether an effect has pushed the plant's friction as low as it may go."""
@@ -283,6 +290,15 @@ def _distinct(scores: Sequence[Score], most: int) -> list[Score]:
             break
         if all(_cosine(s, other) < 0.98 for other in kept):
             kept.append(s)
+    return kept
+
+
+def _apart(trials: Sequence[_Trial]) -> list[_Trial]:
+    """Without those of an effect that are on their way to a minimum another one nears, too; least cost first."""
+    kept: list[_Trial] = []
+    for r in trials:
+        if not any(r.effect == other.effect and r.fit.cost < SAME * other.fit.cost for other in kept):
+            kept.append(r)
     return kept
 
 
