@@ -422,7 +422,8 @@ def test_what_was_logged_wrongly_is_said_and_nothing_is_named_for_it():
 
 def evidence(likely: list[float], names: list[str], gain: float, left: float = 0.01) -> dict[str, Any]:
     step = {"effects": names, "log_likelihood": likely, "parameters": [1.0] * len(names), "before": -1000.0}
-    quality = {"gain": gain, "structured": 0.1, "drift": 0.1, "left": left, "law_left": 0.0}
+    remains = {"followed": 0.1, "bursts": 0.0, "line": 0.0, "line_hz": 50.0, "structured": 0.1, "drift": 0.1}
+    quality = remains | {"gain": gain, "left": left, "law_left": 0.0}
     found = names[:1] if gain > 0.15 else []
     return {**quality, "stages": [{"effects": found}] if found else [], "order": found, "steps": [step]}
 
@@ -448,7 +449,7 @@ def tempered(temperature: float, n: int, seed: int = 0) -> list[calibrate.Seen]:
 @pytest.mark.parametrize("temperature", [1.0, 5.0])
 def test_a_known_temperature_comes_back(temperature):
     cases, before = tempered(temperature, 120), calibrate.present()
-    start = {name: before[name] for name in ("TEMPERATURE", *calibrate.SLOPES)}
+    start = {name: before[name] for name in ("TEMPERATURE", "SURE_NONE", "SURE_LEFT", "SURE_ODD")}
     found = calibrate.fitted(cases, start)
     assert found["TEMPERATURE"] == pytest.approx(temperature, rel=0.5)
     assert calibrate.present() == before  # nothing was changed
@@ -456,15 +457,15 @@ def test_a_known_temperature_comes_back(temperature):
     assert then > now
 
 
-def test_the_conclusion_is_that_of_the_package_while_the_constants_are():
-    """Ranking and abstention through `decide` itself, at its own constants."""
+def test_the_conclusion_is_drawn_from_what_the_file_says_with_the_constants_as_they_are():
+    """Ranking and abstention of a diagnosis as it was read."""
     seen = case("c", ["a"], evidence([-1000.0, -1001.0], ["a", "b"], 0.6, left=0.09))
-    said = calibrate.concluded(seen, calibrate.present())
+    (judged,) = calibrate.rows([seen], calibrate.present())
     other = decide.other(0.09, 0.1, 0.1, 0.0)
-    assert said["verdict"] == ("unexplained" if other > 0.5 else "ambiguous")
+    assert judged.verdict == ("unexplained" if other > 0.5 else "ambiguous")
     none = decide.none(0.6)
-    want = decide.probabilities(seen.step(0), none, other * (1 - none))
-    assert said["ranking"] == pytest.approx(want)
+    want = decide.probabilities(seen.findings.steps[0], none, other * (1 - none))
+    assert judged.ranking == pytest.approx(want)
 
 
 def test_a_study_is_open_or_given_up(tmp_path):

@@ -24,6 +24,9 @@ ODD = 0.14
 DRIFT = 0.9
 """Slow part of the last residual against the rest, at which it is as likely as not that no drift of a machine is it."""
 
+SURE_NONE, SURE_LEFT, SURE_STRUCTURED, SURE_ODD, SURE_DRIFT = 100.0, 4.0, 50.0, 40.0, 6.0
+"""How quickly a probability turns at `RELEVANT`, `LEFT`, `STRUCTURED`, `ODD` and `DRIFT`."""
+
 TEMPERATURE = 2.0
 """Noise is not as it is modelled: log-likelihoods are worth this many times less."""
 
@@ -86,7 +89,7 @@ def logistic(z: float) -> float:
 
 def none(gain: float) -> float:
     """Probability that there is no gap worth a name, from the share of residual energy that the best effect closes."""
-    return logistic(100.0 * (RELEVANT - gain))
+    return logistic(SURE_NONE * (RELEVANT - gain))
 
 
 def other(left: float, structured: float, drift: float, law_left: float) -> float:
@@ -96,17 +99,17 @@ def other(left: float, structured: float, drift: float, law_left: float) -> floa
     noise: both must be large; or `drift`, the slow part of it against the rest, or `law_left`, the share of r_C that
     nothing explains.
     """
-    force = logistic(4.0 * np.log(max(left, 1e-9) / LEFT)) * logistic(50.0 * (structured - STRUCTURED))
+    force = logistic(SURE_LEFT * np.log(max(left, 1e-9) / LEFT)) * logistic(SURE_STRUCTURED * (structured - STRUCTURED))
     return max(force, _drifts(drift), _law(law_left))
 
 
 def unknown(structured: float, drift: float, law_left: float) -> float:
     """Probability of something outside the catalogue where no effect was found."""
-    return max(logistic(40.0 * (structured - ODD)), _drifts(drift), _law(law_left))
+    return max(logistic(SURE_ODD * (structured - ODD)), _drifts(drift), _law(law_left))
 
 
 def _drifts(drift: float) -> float:
-    return logistic(6.0 * np.log(max(drift, 1e-9) / DRIFT))
+    return logistic(SURE_DRIFT * np.log(max(drift, 1e-9) / DRIFT))
 
 
 def _law(law_left: float) -> float:

@@ -68,33 +68,57 @@ class Verdict:
     ranking: dict[str, float]
 
 
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What a verdict is drawn from: all of it is in diagnosis.json.
+
+    Effects `read` off the record and those `adopted`; the evidence of every step, and the effect that each found in
+    `order`. `foreign`: most of the force is left, so that the record is not this machine's.
+    """
+
+    read: tuple[str, ...]
+    adopted: tuple[str, ...]
+    quality: Quality
+    steps: tuple[decide.Evidence, ...]
+    order: tuple[str, ...]
+    foreign: bool
+
+
 def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings) -> Verdict:
+    """From what the hunt found to a verdict."""
+    foreign = relative(searcher.records[0], found.last.outputs[0]) > FOREIGN
+    steps = tuple(evidence(step) for step in found.steps)
+    return conclude(Findings(tuple(read.effects), found.adopted, q, steps, found.order, foreign))
+
+
+def conclude(found: Findings) -> Verdict:
     """From the evidence to a verdict."""
-    effects = tuple(dict.fromkeys((*read.effects, *found.adopted)))
+    q = found.quality
+    effects = tuple(dict.fromkeys((*found.read, *found.adopted)))
     # What is only read off the record takes no part in the gap: there is nothing of which a share could be left.
     if found.adopted:
         other = decide.other(q.left, q.structured, q.drift, q.law_left)
     else:
         other = decide.unknown(q.structured, q.drift, q.law_left)
-    if relative(searcher.records[0], found.last.outputs[0]) > FOREIGN:
-        other = 1.0
-    if read.effects:
-        ranking = decide.settled(read.effects[0], other)
+    other = 1.0 if found.foreign else other
+    if found.read:
+        ranking = decide.settled(found.read[0], other)
     else:
         none = decide.none(q.gain)
         # Where nothing was found, structure that is left speaks against none; where something was, for what was found.
         none, shared = (none * (1 - other), other) if not effects else (none, other * (1 - none))
-        ranking = decide.probabilities(evidence(found.steps[0]), none, shared)
+        ranking = decide.probabilities(found.steps[0] if found.steps else decide.NOTHING, none, shared)
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
         return Verdict("none", (), (), ranking)
-    groups = []
-    for name in found.adopted:
-        step = found.step_of(name)
-        if step is not None and (group := decide.twins(evidence(step), name, effects)):
-            groups.append(group)
-    return Verdict("ambiguous" if groups else "effect", effects, tuple(groups), ranking)
+    steps = dict(zip(found.order, found.steps, strict=False))  # the last step may have found nothing
+    groups = tuple(
+        group
+        for name in found.adopted
+        if name in steps and name in steps[name].effects and (group := decide.twins(steps[name], name, effects))
+    )
+    return Verdict("ambiguous" if groups else "effect", effects, groups, ranking)
 
 
 def evidence(step: Step) -> decide.Evidence:

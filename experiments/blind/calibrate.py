@@ -1,11 +1,10 @@
 """The constants that turn evidence into probabilities and abstention, fitted on an open study; nothing is changed.
 
 Only what was said already is weighed anew: `evidence` of every diagnosis.json goes through `didim_jax.gap.decide` with
-other constants, no diagnosis is run again. The constants are the upper-case numbers of that module (all but those that
-steer the search itself), and three factors on its slopes: on that of `none` exactly, on `other` and `unknown` as on
-the log-odds of what they return. What is maximised is the log probability given to what was true, under a prior that
-holds every constant to within a factor of e of its present value. TWIN has no say in that: it is set so that the truth
-is in the group that is named, and a group is named no more often than needed.
+other constants, no diagnosis is run again. The constants are the upper-case numbers of that module, all but those that
+steer the search itself. What is maximised is the log probability given to what was true, under a prior that holds every
+constant to within a factor of e of its present value. TWIN has no say in that: it is set so that the truth is in the
+group that is named, and a group is named no more often than needed.
 
 It is judged on other effects than it was fitted on (folds by effect): log score, Brier score, calibration error, how
 often an effect of the catalogue is left unexplained, and how often one of no catalogue is not.
@@ -29,7 +28,7 @@ import scipy.optimize
 from didim_jax.errors import InputError
 from didim_jax.gap import decide
 from didim_jax.gap.readings import CONTROLLER
-from didim_jax.gap.verdict import FOREIGN
+from didim_jax.gap.verdict import FOREIGN, Findings, Quality, conclude
 
 from ..study import write_json
 from .judge import NONE, Row, blank_row, judge
@@ -38,10 +37,7 @@ from .summary import calibration, mean
 
 CALIBRATED = "calibrated.json"
 
-SLOPES = ("none slope", "other slope", "unknown slope")
-"""Factors on the slopes of those three functions; 1 leaves them."""
-
-_HELD = ("RELEVANT", "BESIDE", "PENALTY")  # steers the search: another value needs other diagnoses
+_HELD = ("RELEVANT", "BESIDE", "PENALTY", "DRIFT")  # steers the search: another value needs other diagnoses
 _TWIN = "TWIN"
 _FOLDS = 5
 _EVALUATIONS = 250
@@ -55,24 +51,25 @@ type Constants = Mapping[str, float]
 
 @dataclasses.dataclass(frozen=True)
 class Seen:
-    """One diagnosis and its answer; effects `read` off the record, `adopted` by the search, `first` of its first step.
-
-    `foreign`: most of the force is left, so that the record is not this machine's.
-    """
+    """One diagnosis and its answer, and what its verdict was drawn from."""
 
     blank: Row
     document: Mapping[str, Any]
-    read: tuple[str, ...]
-    adopted: tuple[str, ...]
-    foreign: bool
+    findings: Findings
 
     @classmethod
     def of(cls, blank: Row, document: Mapping[str, Any]) -> "Seen":
         """From diagnosis.json: what no step of the search lists as found was read off."""
-        adopted = tuple(name for stage in document["evidence"]["stages"] for name in stage["effects"])
-        effects = tuple(document["effects"])
-        read = tuple(name for name in effects if name not in adopted)
-        return cls(blank, document, read, adopted, document["gap"]["fit"]["after"] > FOREIGN)
+        e = document["evidence"]
+        named = tuple(document["effects"])
+        found = tuple(name for stage in e["stages"] for name in stage["effects"])
+        read = tuple(name for name in named if name not in found)
+        # What is wrong in the controller takes part in the gap, as what was found does.
+        adopted = (*(name for name in read if name in CONTROLLER), *found)
+        numbers = Quality(**{field.name: e[field.name] for field in dataclasses.fields(Quality)})
+        foreign = document["gap"]["fit"]["after"] > FOREIGN
+        steps = tuple(_evidence(step) for step in e["steps"])
+        return cls(blank, document, Findings(read, adopted, numbers, steps, tuple(e["order"]), foreign))
 
     @property
     def fold(self) -> str:
@@ -81,31 +78,21 @@ class Seen:
             return self.blank.case
         return "+".join(name.removeprefix("x_") for name in self.blank.truth)
 
-    def step_of(self, effect: str) -> decide.Evidence:
-        """Evidence of the step in which an effect was found; nothing where it was read off."""
-        order = self.document["evidence"]["order"]
-        return self.step(order.index(effect)) if effect in order else decide.NOTHING
 
-    def step(self, k: int) -> decide.Evidence:
-        """Evidence of a step."""
-        steps = self.document["evidence"]["steps"]
-        if k >= len(steps):
-            return decide.NOTHING
-        one = steps[k]
-        likely, counts = (np.array(one[key], dtype=float) for key in ("log_likelihood", "parameters"))
-        return decide.Evidence(tuple(one["effects"]), likely, counts, one["before"])
+def _evidence(step: Mapping[str, Any]) -> decide.Evidence:
+    likely, counts = (np.array(step[key], dtype=float) for key in ("log_likelihood", "parameters"))
+    return decide.Evidence(tuple(step["effects"]), likely, counts, step["before"])
 
 
 def present() -> dict[str, float]:
     """The constants as they are."""
-    named = {k: v for k, v in vars(decide).items() if k.isupper() and isinstance(v, float) and k not in _HELD}
-    return named | dict.fromkeys(SLOPES, 1.0)
+    return {k: v for k, v in vars(decide).items() if k.isupper() and isinstance(v, float) and k not in _HELD}
 
 
 @contextlib.contextmanager
 def with_constants(constants: Constants) -> Iterator[None]:
     """`decide` with these constants; put back at the end."""
-    old = {name: vars(decide)[name] for name in constants if name not in SLOPES}
+    old = {name: vars(decide)[name] for name in constants}
     try:
         for name in old:
             setattr(decide, name, constants[name])
@@ -115,45 +102,10 @@ def with_constants(constants: Constants) -> Iterator[None]:
             setattr(decide, name, value)
 
 
-def concluded(seen: Seen, constants: Constants) -> dict[str, Any]:
-    """Verdict, effects, groups and ranking as `gap.verdict` draws them; `decide` has the constants already."""
-    e = seen.document["evidence"]
-    effects = (*seen.read, *seen.adopted)
-    law = e["law_left"]
-    if seen.adopted or set(seen.read) & set(CONTROLLER):
-        other = _steeper(decide.other(e["left"], e["structured"], e["drift"], law), constants[SLOPES[1]])
-    else:
-        other = _steeper(decide.unknown(e["structured"], e["drift"], law), constants[SLOPES[2]])
-    other = 1.0 if seen.foreign else other
-    if seen.read:
-        ranking = decide.settled(seen.read[0], other)
-    else:
-        none = _steeper(decide.none(e["gain"]), constants[SLOPES[0]])
-        none, shared = (none, other * (1 - none)) if effects else (none * (1 - other), other)
-        ranking = decide.probabilities(seen.step(0), none, shared)
-    verdict: dict[str, Any] = {"effects": effects, "ambiguous_with": [], "ranking": ranking}
-    if other > 0.5:
-        return verdict | {"verdict": "unexplained"}
-    if not effects:
-        return verdict | {"verdict": "none"}
-    groups = []
-    for name in seen.adopted:
-        evidence = seen.step_of(name)
-        if name in evidence.effects and (group := decide.twins(evidence, name, effects)):
-            groups.append(group)
-    return verdict | {"verdict": "ambiguous" if groups else "effect", "ambiguous_with": groups}
-
-
-def _steeper(p: float, factor: float) -> float:
-    """The same probability with its log-odds times a factor."""
-    p = float(np.clip(p, 1e-15, 1 - 1e-15))
-    return decide.logistic(factor * float(np.log(p / (1 - p))))
-
-
 def rows(cases: Sequence[Seen], constants: Constants) -> list[Row]:
     """Every case concluded with these constants, and judged."""
     with with_constants(constants):
-        return [judge(seen.blank, concluded(seen, constants)) for seen in cases]
+        return [judge(seen.blank, dataclasses.asdict(conclude(seen.findings))) for seen in cases]
 
 
 def log_score(judged: Sequence[Row]) -> float:
