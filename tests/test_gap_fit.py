@@ -150,7 +150,12 @@ def test_a_fit_keeps_within_bounds(made):
     fit = problem(simulated(made, TRUTH | {"stribeck.vs": 0.06})).solve(
         start_of(made), moved(made), frozenset({"stribeck"}), evaluations=30
     )
-    assert 1.5e-3 <= made.model.decode(fit.xs[0])["stribeck.vs"] <= 0.04
+    place = made.model.index["stribeck.vs"]
+    assert made.model.decode(fit.xs[0])["stribeck.vs"] == pytest.approx(0.04, rel=1e-2)
+    assert made.model.decode(fit.xs[0])["stribeck.vs"] <= 0.04
+    assert made.model.bound(fit.xs[0], place) == "most"
+    std = standard_deviations(Searcher([made]), fit)
+    assert std[place] == 0.0 and 0 < std[made.model.index["M"]] < 1  # it cannot vary, and no other pays for it
 
 
 # -- noise -------------------------------------------------------------------------------------------------------

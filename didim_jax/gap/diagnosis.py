@@ -34,11 +34,17 @@ class Run:
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A number, its standard deviation and unit."""
+    """A number, its standard deviation and unit; `bound` says "least" or "most" where it may go no further."""
 
     value: float
     std: float
     unit: str
+    bound: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """As diagnosis.json has it: `bound` only where there is one."""
+        found = dataclasses.asdict(self)
+        return found if self.bound else {k: v for k, v in found.items() if k != "bound"}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -35,6 +35,9 @@ FRICTION = ("Fv", "Fc")
 LEAST_FRICTION = -0.3
 """Of a typical size: less is no machine, and an effect that bends the plant so far is hidden by it."""
 
+AT_BOUND = 1e-3
+"""Of its range, within which a parameter is at the end of it: a solver with bounds comes near, not there."""
+
 WIDTH = 12
 """Columns of a Jacobian that are computed together at most; more take several turns, which are no slower for it."""
 
@@ -148,6 +151,14 @@ class Model:
     def upper(self) -> np.ndarray:
         """Greatest allowed x."""
         return np.array([e.encode(e.upper) if np.isfinite(e.upper) else np.inf for e in self.entries])
+
+    def bound(self, x: np.ndarray, place: int) -> str:
+        """Whether an entry of x is as low or as high as it may be: "least", "most", or "" in between."""
+        low, high = self.lower[place], self.upper[place]
+        slight = AT_BOUND * (high - low)
+        if not np.isfinite(slight):
+            return ""
+        return "least" if x[place] < low + slight else "most" if x[place] > high - slight else ""
 
     def encode(self, x: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """x with these values (SI) in their places."""

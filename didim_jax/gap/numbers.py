@@ -14,6 +14,7 @@ from .diagnosis import Candidate, Estimate, Shift
 from .floor import repeat_floor
 from .hunt import Found
 from .judge import left, relative
+from .model import Model
 from .prepared import Prepared, prepare
 from .readings import Readings
 from .rounded import SHAPE
@@ -85,34 +86,36 @@ def parameters(
 ) -> dict[str, dict[str, Any]]:
     """Parameters of every effect named, with their spread; `once`: its pulses did not come again."""
     model, std = searcher.model, standard_deviations(searcher, found.last)
-    values = model.decode(found.last.xs[0])
     out: dict[str, dict[str, Any]] = {}
     for name in effects:
         out[name] = {
-            model.entries[i].name: dataclasses.asdict(
-                Estimate(
-                    values[model.names[i]],
-                    read.std.get(model.names[i], std.get(i, 0.0)),
-                    model.entries[i].unit,
-                )
-            )
+            model.entries[i].name: _estimate(
+                model, found.last.xs[0], i, read.std.get(model.names[i], std.get(i, 0.0))
+            ).document()
             for i in model.of(name)
             if np.isfinite(std.get(i, 0.0))  # otherwise the records do not show it
         }
         if name == "encoder_quantisation":
-            out[name] = {"resolution": dataclasses.asdict(Estimate(read.grid, 0.0, "m"))}
+            out[name] = {"resolution": Estimate(read.grid, 0.0, "m").document()}
         if name == "disturbance_pulses" and any(read.pulses):
             volts = [p.volts for found in read.pulses for p in found]
             out[name] = {
                 # their signs may alternate
-                "A": dataclasses.asdict(
-                    Estimate(float(np.sign(volts[0]) * np.median(np.abs(volts))), float(np.std(np.abs(volts))), "V")
-                ),
+                "A": Estimate(
+                    float(np.sign(volts[0]) * np.median(np.abs(volts))), float(np.std(np.abs(volts))), "V"
+                ).document(),
                 "repeats": False,
             }
         elif name == "disturbance_pulses" and once:
             out[name]["repeats"] = False
     return out
+
+
+def _estimate(model: Model, x: np.ndarray, place: int, std: float) -> Estimate:
+    """Of an entry of x; at a bound it is the bound."""
+    entry, bound = model.entries[place], model.bound(x, place)
+    value = {"least": entry.lower, "most": entry.upper}.get(bound, entry.decode(x[place]))
+    return Estimate(value, std, entry.unit, bound)
 
 
 def base_shifts(searcher: Searcher, found: Found) -> dict[str, Shift]:
@@ -136,9 +139,9 @@ def candidates(searcher: Searcher, found: Found, ranking: dict[str, float], floo
     out = []
     for r in found.steps[0].refits:
         gap = relative(record, r.fit.outputs[0])
-        values, std = model.decode(r.fit.xs[0]), standard_deviations(searcher, r.fit)
+        std = standard_deviations(searcher, r.fit)
         estimates = {
-            model.entries[i].name: Estimate(values[model.names[i]], std.get(i, 0.0), model.entries[i].unit)
+            model.entries[i].name: _estimate(model, r.fit.xs[0], i, std.get(i, 0.0))
             for i in model.of(r.effect)
             if np.isfinite(std.get(i, 0.0))  # otherwise the records do not show it
         }

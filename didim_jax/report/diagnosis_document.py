@@ -34,7 +34,7 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
                 "probability": c.probability,
                 "gap": c.gap,
                 "share": c.share,
-                "parameters": {k: dataclasses.asdict(v) for k, v in c.parameters.items()},
+                "parameters": {k: v.document() for k, v in c.parameters.items()},
             }
             for c in d.candidates
         ],

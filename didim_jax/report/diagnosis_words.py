@@ -197,12 +197,13 @@ def sizes(d: Diagnosis) -> str:
 
 
 def estimate(name: str, number: dict[str, object]) -> str:
-    """'F0 = 3.10 ± 0.12 N', with the digits that the standard deviation carries."""
+    """'F0 = 3.10 ± 0.12 N', with the digits that the standard deviation carries; 'a = 0.6 (the least it may be)'."""
     value, std = (float(number.get(k) or 0.0) for k in ("value", "std"))  # type: ignore[arg-type]
     unit = number.get("unit") or "1"
     places = decimals(std)
     spread = "" if places is None else f" ± {rounded(std, places)}"
-    return f"{name} = {rounded(value, places)}{spread}{'' if unit == '1' else f' {unit}'}"
+    limit = f" (the {number['bound']} it may be)" if number.get("bound") else ""
+    return f"{name} = {rounded(value, places)}{spread}{'' if unit == '1' else f' {unit}'}{limit}"
 
 
 def _with_chance(effect: str, p: dict[str, float]) -> str:
