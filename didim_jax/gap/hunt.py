@@ -25,6 +25,8 @@ CLOSE = 6.0
 """Differences of it that decide nothing: the one that closes more of the gap comes first."""
 SIMPLER = 0.02
 """Share of the energy left that a parameter must be worth in that."""
+HIDDEN = 0.1
+"""Of what a parameter changes, the share that a half of the blocks must show for it to be refitted there."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 
@@ -159,14 +161,14 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
     """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
-    start = set(searcher.model.of("start"))  # stays: half of the blocks do not see the beginning
     split = [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
+    held = {*searcher.model.of("start"), *_hidden(searcher, best.fit, split)}  # stays as all blocks together have it
     without = with_it = 0.0
     for half in (0, 1):
         mask = [halved == half for halved in split]
         problem = searcher.problem(mask=mask)
         one, two = (
-            problem.solve(fit.xs, [i for i in chosen if i not in start], frozenset(free), 4)
+            problem.solve(fit.xs, [i for i in chosen if i not in held], frozenset(free), 4)
             for fit, chosen, free in (
                 (before, before.chosen, adopted),
                 (best.fit, searcher.chosen(before, best.effect), (*adopted, best.effect)),
@@ -175,6 +177,16 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tupl
         without += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(one.residuals, mask, strict=True))
         with_it += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(two.residuals, mask, strict=True))
     return with_it < (1 - least) * without
+
+
+def _hidden(searcher: Searcher, fit: Fit, split: Sequence[np.ndarray]) -> set[int]:
+    """Places of what one of the halves hardly shows: the instant of a push that lies in the other."""
+    start = set(searcher.model.of("start"))
+    places = [i for i in fit.chosen if i not in start]
+    half = np.concatenate([h for h, p in zip(split, searcher.records, strict=True) for _ in p.channels])
+    J = fit.jacobian[: len(half), : len(places)]
+    one, two = (np.sum(J[half == k] ** 2, axis=0) for k in (0, 1))
+    return {i for i, hidden in zip(places, np.minimum(one, two) < HIDDEN * (one + two), strict=True) if hidden}
 
 
 def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> Fit:
