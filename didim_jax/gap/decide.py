@@ -18,13 +18,13 @@ LEFT = 0.12
 STRUCTURED = 0.1
 """Share of the last residual that must not be noise for that."""
 
-ODD = 0.09
+ODD = 0.14
 """The same where nothing was found."""
 
 DRIFT = 0.9
 """Slow part of the last residual against the rest, at which it is as likely as not that no drift of a machine is it."""
 
-SURE_NONE, SURE_LEFT, SURE_STRUCTURED, SURE_ODD, SURE_DRIFT = 60.0, 5.8, 50.0, 50.0, 6.0
+SURE_NONE, SURE_LEFT, SURE_STRUCTURED, SURE_ODD, SURE_DRIFT = 60.0, 5.8, 50.0, 40.0, 6.0
 """How quickly a probability turns at `RELEVANT`, `LEFT`, `STRUCTURED`, `ODD` and `DRIFT`."""
 
 TEMPERATURE = 2.0
