@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
+from ..devices import forget_programs
 from ..effects import AbstractEffect
 from ..errors import InputError
 from ..files import atomic_write
@@ -92,6 +93,7 @@ def diagnose_case(
 
     Raises InputError: any of the files cannot be used.
     """
+    forget_programs()
     machine = Machine.load(case.machine)
     (out / "prediction.json").unlink(missing_ok=True)
     recordings = [load_recording(path, gain=machine.drive.gain) for path in case.fits]

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ..devices import cores, forget_programs
+from ..devices import cores
 from ..effects import AbstractEffect
 from ..errors import InputError
 from ..files import atomic_write
@@ -32,7 +32,6 @@ def diagnose_cases(
     def one(case: Case) -> str | None:
         folder = out / case.name
         without = exclude[case.name] if isinstance(exclude, Mapping) else exclude
-        forget_programs()
         try:
             diagnosis = diagnose_case(case, catalogue, folder, exclude=without)
             write_diagnosis(diagnosis, folder)
