@@ -392,7 +392,7 @@ def test_the_document_keeps_the_contract(diagnosis, unpainted, tmp_path):
     assert set(document["gap"]["check"]) == {"before", "after", "floor", "predicted_after"}
     assert all(set(shift) == {"before", "after", "std", "unit"} for shift in document["base"].values())
     for numbers in document["parameters"].values():
-        assert all(set(number) - {"bound"} == {"value", "std", "unit"} for number in numbers.values())
+        assert all(set(number) == {"value", "std", "unit"} for number in numbers.values())
     if document["effects"]:
         assert document["closed"] == {"share": 0.985, "interval": [0.97, 0.99]}
     else:
