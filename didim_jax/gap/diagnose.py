@@ -176,7 +176,6 @@ def _block(searcher: Searcher, verdict: Verdict, read: Readings, found: dict[str
     if first == PULSES and any(read.pulses):
         return "actuator"
     share = found[first].get("load_share")
-    known = share is not None and (share["std"] > 0 or share.get("bound"))
-    if share is not None and known and share["value"] - 2 * share["std"] > 0.5:
+    if share and (share["std"] > 0 or share.get("bound")) and share["value"] - 2 * share["std"] > 0.5:
         return Block.LOAD_SIDE.value
     return next(e.block.value for e in searcher.model.effects if e.label() == first)

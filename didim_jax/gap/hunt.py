@@ -74,9 +74,7 @@ def hunt(
     steps: list[Step] = []
     stages: list[tuple[str, Fit]] = []
     while len(adopted) < MOST_EFFECTS:
-        worth = 0.0
-        if adopted:
-            worth = WORTH if rest(searcher, last).settled else 0.0
+        worth = WORTH if adopted and rest(searcher, last).settled else 0.0
         others = [e for e in effects if e.label() not in adopted]
         step = searcher.step(last, others, adopted, worth)
         steps.append(step)
@@ -181,8 +179,7 @@ def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tupl
 
 def _hidden(searcher: Searcher, fit: Fit, split: Sequence[np.ndarray]) -> set[int]:
     """Places of what one of the halves hardly shows: the instant of a push that lies in the other."""
-    start = set(searcher.model.of("start"))
-    places = [i for i in fit.chosen if i not in start]
+    places = searcher.shared(fit)
     half = np.concatenate([h for h, p in zip(split, searcher.records, strict=True) for _ in p.channels])
     J = fit.jacobian[: len(half), : len(places)]
     one, two = (np.sum(J[half == k] ** 2, axis=0) for k in (0, 1))

@@ -142,12 +142,12 @@ class Model:
         """Places in x of what belongs to "" (plant), "start" or an effect."""
         return [i for i, e in enumerate(self.entries) if e.owner == owner]
 
-    @property
+    @functools.cached_property
     def lower(self) -> np.ndarray:
         """Least allowed x."""
         return np.array([e.encode(e.lower) if np.isfinite(e.lower) else -np.inf for e in self.entries])
 
-    @property
+    @functools.cached_property
     def upper(self) -> np.ndarray:
         """Greatest allowed x."""
         return np.array([e.encode(e.upper) if np.isfinite(e.upper) else np.inf for e in self.entries])

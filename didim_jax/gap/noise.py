@@ -101,6 +101,11 @@ class Noise:
         sigma, corner, ratio = np.exp(found.x)
         return cls(float(sigma), float(corner), float(sigma * ratio), least, -float(found.fun))
 
+    @property
+    def drift(self) -> float:
+        """Rms of the slow part against the level of the rest at low frequency."""
+        return self.slow / self.sigma
+
     def whitening(self, n: int, dt: float) -> Whitening:
         """What makes n samples of this noise white, of unit variance."""
         f = _lines(n, dt)

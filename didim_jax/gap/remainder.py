@@ -64,7 +64,7 @@ def remainder(record: Prepared, residual: np.ndarray) -> Remainder:
     with threadpoolctl.threadpool_limits(1, user_api="blas"):  # threads only wait for each other at this size
         fit = Regression(list(columns.values()), white, blocks(len(white), dt))
         followed = fit.share(fit.prior(range(len(columns))))
-    return Remainder(followed, bursts(white, qg, dt), *line(white, dt), noise.slow / noise.sigma)
+    return Remainder(followed, bursts(white, qg, dt), *line(white, dt), noise.drift)
 
 
 def bursts(white: np.ndarray, reference: np.ndarray, dt: float) -> float:

@@ -22,6 +22,9 @@ SHORT, LONG = 5, 18
 RIVAL = 3.0
 """Times the least cost after the cheap refits that a rival may leave and still be refitted in full."""
 
+SAME = 1.03
+"""Times its cost within which another refit of the effect is on the way to the same minimum."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Refit:
@@ -50,10 +53,6 @@ class Step:
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
     refuted: tuple[str, ...] = ()
-
-
-SAME = 1.03
-"""Times its cost within which another refit of the effect is on the way to the same minimum."""
 
 
 class _Trial(NamedTuple):
@@ -100,18 +99,11 @@ class Searcher:
         A record whose force still drifts further than a machine does weighs as a whole: what is slow in it is to be
         explained, and as noise it would weigh nothing.
         """
-        self.whitening = [
-            [
-                p.whitening(c, r) if self._drifts(p, row[0]) else p.noise(c, r).whitening(len(r), p.dt)
-                for c, r in zip(p.channels, row, strict=True)
-            ]
-            for p, row in zip(self.records, fit.residuals, strict=True)
-        ]
-
-    @staticmethod
-    def _drifts(record: Prepared, force: np.ndarray) -> bool:
-        noise = record.noise(record.channels[0], force)
-        return noise.slow > DRIFT * noise.sigma
+        self.weigh(fit)
+        for k, (p, row) in enumerate(zip(self.records, fit.residuals, strict=True)):
+            noises = [p.noise(c, r) for c, r in zip(p.channels, row, strict=True)]
+            if noises[0].drift <= DRIFT:
+                self.whitening[k] = [noise.whitening(len(r), p.dt) for noise, r in zip(noises, row, strict=True)]
 
     def log_likelihood(self, fit: Fit) -> float:
         """Of what a fit leaves of all records and channels, each under the noise that its own spectrum shows."""
@@ -121,10 +113,14 @@ class Searcher:
             for c, r in zip(p.channels, row, strict=True)
         )
 
+    def shared(self, fit: Fit) -> list[int]:
+        """Places that all records of a fit share, in the order of the first columns of its Jacobian."""
+        start = set(self.model.of("start"))
+        return [i for i in fit.chosen if i not in start]
+
     def _acting(self, effect: str, fit: Fit) -> int:
         """How many parameters of an effect change anything on these records."""
-        start = set(self.model.of("start"))
-        columns = [i for i in fit.chosen if i not in start]
+        columns = self.shared(fit)
         rows = sum(len(r) for row in fit.residuals for r in row)
         moved = np.any(fit.jacobian[:rows, : len(columns)] != 0, axis=0)
         return sum(bool(moved[columns.index(i)]) for i in self.model.of(effect) if i in columns)
@@ -256,9 +252,7 @@ class Searcher:
         again = [r for r in near if r.effect in leaders[:2]][:4]
         again += [next(r for r in near if r.effect == name) for name in leaders[2:]]
         best: dict[str, _Trial] = {}
-        for r in sorted((r for r in self.map(long, again) if r.fit.ok), key=lambda r: r.fit.cost):
-            best.setdefault(r.effect, r)
-        for r in first:
+        for r in [*sorted((r for r in self.map(long, again) if r.fit.ok), key=lambda r: r.fit.cost), *first]:
             best.setdefault(r.effect, r)
         top = tuple(ss[0] for ss in by_effect.values())
         refits = (

@@ -12,8 +12,7 @@ def standard_deviations(searcher: Searcher, fit: Fit) -> dict[int, float]:
     problem = searcher.problem()
     residual = problem.whitened(fit.residuals)
     J = fit.jacobian
-    own = sorted(problem.own)
-    shared = [i for i in fit.chosen if i not in own]
+    shared = searcher.shared(fit)
     if J.shape[0] < len(residual):
         return {}
     rho = np.concatenate([residual, np.zeros(J.shape[0] - len(residual))])
