@@ -6,7 +6,6 @@ needs them.
 
 import functools
 import io
-import os
 import re
 import signal
 import sys
@@ -21,7 +20,7 @@ import numpy as np
 import tyro
 from tyro.conf import FlagCreatePairsOff, Positional
 
-from .devices import cores, use_every_core
+from .devices import cores, prepare_jax
 from .errors import InputError
 
 
@@ -52,7 +51,7 @@ def program() -> Iterator[None]:
 
     before = signal.signal(signal.SIGINT, stop)
     try:
-        _prepare()
+        prepare_jax()
         yield
     except InputError as error:
         print(f"didim: {error}", file=sys.stderr)
@@ -95,26 +94,6 @@ def _complaint(box: str) -> str:
     parts = [part.strip().split("\n\n")[0] for part in re.split(r"(?m)^ *[─-]+$", text) if "helptext" not in part]
     said = [" ".join(re.sub(r"(?m)^ {8}.*", "", part).split()).rstrip(".") for part in parts]
     return "; ".join(filter(None, said)) + "; see --help."
-
-
-def _prepare() -> None:
-    """float64, a cache of compiled programs so that only the first run on a machine compiles, LAPACK on one thread.
-
-    Its systems have a few columns here: threads of its own wait for each other and for JAX's, and make it slower.
-    """
-    import jax
-    import platformdirs
-    import scipy.linalg  # noqa: F401  # loaded, so that there is something to limit
-    import threadpoolctl
-
-    threadpoolctl.threadpool_limits(1, user_api="blas")
-
-    jax.config.update("jax_enable_x64", True)
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("didim_jax"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
-    # A thread then waits for its own computation, in its own time: two threads, two cores, one compiled program.
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def identify(
@@ -201,8 +180,6 @@ def diagnose(
         exclude: Effects to leave out of the catalogue.
         effects: Python file with effects of your own, added to the catalogue.
     """
-    use_every_core()
-
     from .effects.catalogue import CATALOGUE, load
     from .gap.cases import Case, cases_in, diagnose_case
 
@@ -213,7 +190,7 @@ def diagnose(
     if cases is not None:
         if records or machine or check:
             raise InputError("--cases takes its records and machines from its folders: give no others.")
-        _diagnose_many(cases_in(cases), catalogue, out, exclude)
+        _diagnose_many(cases_in(cases), out, exclude, effects)
         return
     if not records or machine is None:
         raise InputError("give at least one record and its --machine, or a folder of --cases.")
@@ -228,11 +205,11 @@ def diagnose(
     print_diagnosis(found, out)
 
 
-def _diagnose_many(cases: Sequence[Any], catalogue: Sequence[Any], out: Path, exclude: Sequence[str]) -> None:
+def _diagnose_many(cases: Sequence[Any], out: Path, exclude: Sequence[str], effects: Path | None) -> None:
     """All cases; exit status 1 where one could not be used."""
     from .report.many import diagnose_under_bar
 
-    bad = diagnose_under_bar(cases, catalogue, out, exclude=exclude)
+    bad = diagnose_under_bar(cases, out, exclude=exclude, effects=effects)
     if bad:
         print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
         sys.exit(1)

@@ -1,9 +1,29 @@
-"""JAX devices of this machine."""
+"""JAX on this machine: how every program sets it up, its devices, and what a process may hold."""
 
 import os
 from pathlib import Path
 
 _MAPS, _MOST_MAPS = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+
+
+def prepare_jax() -> None:
+    """float64, a cache of compiled programs so that only the first run on a machine compiles, LAPACK on one thread.
+
+    Its systems have a few columns here: threads of its own wait for each other and for JAX's, and make it slower.
+    """
+    import jax
+    import platformdirs
+    import scipy.linalg  # noqa: F401  # loaded, so that there is something to limit
+    import threadpoolctl
+
+    threadpoolctl.threadpool_limits(1, user_api="blas")
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("didim_jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    # A thread then waits for its own computation, in its own time: two threads, two cores, one compiled program.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def use_every_core() -> None:

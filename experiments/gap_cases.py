@@ -69,7 +69,6 @@ def _left_out(answers: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 
 
 def _diagnose(cases: Path, excluded: dict[str, tuple[str, ...]], out: Path) -> None:
-    from didim_jax.effects.catalogue import CATALOGUE
     from didim_jax.gap.cases import cases_in
     from didim_jax.report.many import diagnose_under_bar
 
@@ -77,7 +76,7 @@ def _diagnose(cases: Path, excluded: dict[str, tuple[str, ...]], out: Path) -> N
     todo = [case for case in wanted if not (out / case.name / "diagnosis.json").exists()]
     out.mkdir(parents=True, exist_ok=True)
     # A case without a diagnosis is a wrong answer to the judge.
-    diagnose_under_bar(todo, CATALOGUE, out, exclude=excluded, label=out.name)
+    diagnose_under_bar(todo, out, exclude=excluded, label=out.name)
 
 
 def _judged(folder: Path, answers: dict[str, Any], results: Path, excluded: bool) -> dict[str, Any]:

@@ -143,9 +143,9 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     seen: Counter[str] = Counter()
 
     def diagnose_cases(
-        cases: Any, catalogue: Any, out: Path, *, exclude: Any, threads: int, done: Callable
+        cases: Any, out: Path, *, exclude: Any, effects: Path | None, workers: int, done: Callable
     ) -> list[str]:
-        assert exclude == () and len(catalogue) > 20 and threads > 0
+        assert exclude == () and effects is None and workers > 0
         for case in cases:
             seen[case.name] += 1
             write_diagnosis(out / case.name, case.check, document())
@@ -720,7 +720,7 @@ def test_a_study_is_scored_stratum_by_stratum(study: Path, monkeypatch: pytest.M
         of["outside"][0]: document("unexplained"),
     }
 
-    def diagnose_cases(cases: Any, catalogue: Any, out: Path, **options: Any) -> list[str]:
+    def diagnose_cases(cases: Any, out: Path, **options: Any) -> list[str]:
         for case in cases:
             write_diagnosis(out / case.name, case.check, said[case.name])
         return []

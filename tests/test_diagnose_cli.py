@@ -284,7 +284,7 @@ def test_effects_are_left_out_of_every_case_or_of_one(desk, monkeypatch, by_name
     left_out = {"case-001": ("offset",), "case-002": ()} if by_name else ("offset",)
     cases = cases_in(Path("cases"))
     bad = many.diagnose_cases(
-        cases, (), Path("out"), exclude=left_out, threads=2, done=lambda case, line: said.update({case.name: line})
+        cases, Path("out"), exclude=left_out, workers=1, done=lambda case, line: said.update({case.name: line})
     )
     assert bad == ["case-001", "case-002"]
     assert seen == {"case-001": ("offset",), "case-002": () if by_name else ("offset",)}

@@ -1,14 +1,22 @@
-"""Many cases, compiled once: each in a folder of its own, some of them side by side."""
+"""Many cases, each in a folder of its own, side by side in processes of their own.
 
+Most of a diagnosis is Python between short compiled runs, so that threads would wait for each other.
+"""
+
+import functools
+import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ..devices import cores
+from ..devices import cores, prepare_jax
 from ..effects import AbstractEffect
+from ..effects.catalogue import CATALOGUE, load
 from ..errors import InputError
 from ..files import atomic_write
 from ..gap.cases import Case, diagnose_case
@@ -17,48 +25,91 @@ from .write_diagnosis import write_diagnosis
 
 def diagnose_cases(
     cases: Sequence[Case],
-    catalogue: Sequence[type[AbstractEffect]],
     out: Path,
     *,
-    exclude: Collection[str] | Mapping[str, Collection[str]],
-    threads: int,
+    exclude: Collection[str] | Mapping[str, Collection[str]] = (),
+    effects: Path | None = None,
+    workers: int,
     done: Callable[[Case, str], None],
 ) -> list[str]:
     """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned.
 
-    `exclude` are the effects left out of the catalogue, of every case or by the case's name.
+    `exclude` are the effects left out of the catalogue, of every case or by the case's name; `effects` is a file of a
+    user's own. `done` is told of every case as it ends. One worker is this process itself.
     """
 
-    def one(case: Case) -> str | None:
-        folder = out / case.name
-        without = exclude[case.name] if isinstance(exclude, Mapping) else exclude
-        try:
-            diagnosis = diagnose_case(case, catalogue, folder, exclude=without)
-            write_diagnosis(diagnosis, folder)
-        except Exception as error:  # whatever goes wrong with one case, the others go on
-            said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-            said = " ".join(said.split())
-            folder.mkdir(parents=True, exist_ok=True)
-            for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
-                (folder / stale).unlink(missing_ok=True)
-            with atomic_write(folder / "error.txt") as path:
-                path.write_text(f"{said}\n", encoding="utf-8")
-            done(case, f"unusable: {said}")
-            return case.name
-        (folder / "error.txt").unlink(missing_ok=True)
-        done(case, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}")
-        return None
+    def without(case: Case) -> tuple[str, ...]:
+        return tuple(exclude[case.name] if isinstance(exclude, Mapping) else exclude)
 
-    with ThreadPoolExecutor(threads) as pool:
-        return [name for name in pool.map(one, cases) if name is not None]
+    bad = []
+
+    def note(case: Case, good: bool, line: str) -> None:
+        if not good:
+            bad.append(case.name)
+        done(case, line)
+
+    if min(workers, len(cases)) < 2:
+        for case in cases:
+            note(case, *_diagnose(case, out / case.name, without(case), effects))
+        return bad
+    # A forked process would inherit JAX's threads' locks, held or not.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(cases)), context, _begin) as pool:
+        try:
+            running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in cases}
+            for future in as_completed(running):
+                note(running[future], *future.result())
+        except BaseException:  # interrupted, or a process was killed: what runs would be waited for
+            for process in multiprocessing.active_children():
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
+            raise
+    return sorted(bad)
+
+
+def _begin() -> None:
+    """What a process of its own needs, once; it ends with the one that asked for it."""
+    prepare_jax()
+
+    def follow() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def _diagnose(case: Case, folder: Path, exclude: Collection[str], effects: Path | None) -> tuple[bool, str]:
+    """One case, written: whether it could be used, and a line about it."""
+    try:
+        diagnosis = diagnose_case(case, _catalogue(effects), folder, exclude=exclude)
+        write_diagnosis(diagnosis, folder)
+    except Exception as error:  # whatever goes wrong with one case, the others go on
+        said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+        said = " ".join(said.split())
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+            (folder / stale).unlink(missing_ok=True)
+        with atomic_write(folder / "error.txt") as path:
+            path.write_text(f"{said}\n", encoding="utf-8")
+        return False, f"unusable: {said}"
+    (folder / "error.txt").unlink(missing_ok=True)
+    return True, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}"
+
+
+@functools.cache
+def _catalogue(effects: Path | None) -> tuple[type[AbstractEffect], ...]:
+    """The catalogue, and a user's own effects after it; read once in a process."""
+    return CATALOGUE + (() if effects is None else load(effects))
 
 
 def diagnose_under_bar(
     cases: Sequence[Case],
-    catalogue: Sequence[type[AbstractEffect]],
     out: Path,
     *,
     exclude: Collection[str] | Mapping[str, Collection[str]] = (),
+    effects: Path | None = None,
     label: str = "cases",
 ) -> list[str]:
     """`diagnose_cases` on every core, under a bar with the time left, a line a case; names of those not usable."""
@@ -71,4 +122,4 @@ def diagnose_under_bar(
             progress.advance(task)
             console.print(f"{case.name}: {line}", markup=False, highlight=False)
 
-        return diagnose_cases(cases, catalogue, out, exclude=exclude, threads=cores(), done=done)
+        return diagnose_cases(cases, out, exclude=exclude, effects=effects, workers=cores(), done=done)

@@ -52,11 +52,10 @@ def verify_results(study: Path, complete: bool = True) -> None:
 
 
 def _diagnose(cases: Path, todo: set[str], out: Path) -> None:
-    from didim_jax.effects.catalogue import CATALOGUE
     from didim_jax.gap.cases import cases_in
     from didim_jax.report.many import diagnose_under_bar
 
-    diagnose_under_bar([case for case in cases_in(cases) if case.name in todo], CATALOGUE, out)
+    diagnose_under_bar([case for case in cases_in(cases) if case.name in todo], out)
 
 
 def _commits(path: Path, working: bool) -> list[str | None]:
