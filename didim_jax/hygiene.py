@@ -157,6 +157,22 @@ def _stroke_units(r: Recording, m: Machine) -> Iterator[Finding]:
             )
 
 
+_ONE_BODY = 10.0  # counts, rms: two encoders on one body differ by roundings and an offset
+
+
+def _two_encoders(r: Recording, m: Machine) -> Iterator[Finding]:
+    """Does the load move against the motor, where the machine is said to be rigid?"""
+    if r.ql is None or m.model != "rigid" or np.ptp(r.ql) == 0:
+        return
+    apart = float(np.std(r.ql - r.qm))
+    if apart > _ONE_BODY * m.encoder.resolution:
+        yield Finding(
+            "agreement",
+            f"ql moves against qm by {1e6 * apart:.3g} um rms, and the machine is said to be rigid: "
+            'set model = "flexible" in the machine file, or give the file of this machine.',
+        )
+
+
 def _encoder_grid(r: Recording, m: Machine) -> Iterator[Finding]:
     count = m.encoder.resolution
     values = np.unique(r.qm)
@@ -368,6 +384,7 @@ CHECKS: tuple[Callable[[Recording, Machine], Iterable[Finding]], ...] = (
     _dead_channel,
     _stroke_units,
     _documented,
+    _two_encoders,
     _vir_units,
     _control_law,
     _injected_signal,
