@@ -271,18 +271,18 @@ class Presliding(AbstractEffect):
     size: ClassVar[str] = "z_s 60-600 um"
     twins: ClassVar[tuple[str, ...]] = ("stribeck",)
     source: ClassVar[str] = "Dahl, 1968; Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40, 1995"
-    share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.3, default=0.0)
+    share: Scalar = param("1", scale=1.0, lower=0.0, upper=1.0, default=0.0)
     load: Scalar = param("1", scale=0.5, lower=0.0, upper=1.0, default=0.5)
     z_s: Scalar = param("m", scale=2e-4, lower=1e-5, upper=3e-3, default=3e-4)
     T: Scalar = param("s", scale=2e-3, lower=-4e-3, upper=0.012, default=0.0)
 
     def init(self, signals: Signals) -> Any:
-        return jnp.stack([signals.level1, signals.level2]) * signals.s1
+        return jnp.maximum(jnp.stack([signals.level1, signals.level2]), 0.0) * signals.s1
 
     def __call__(self, t: Array, x: Any, signals: Signals) -> tuple[Forces, Any]:
         plain = jnp.stack([signals.level1, signals.level2])
         more = jnp.stack([signals.grip1, signals.grip2])
-        level = plain + more
+        level = jnp.maximum(plain + more, 0.0)  # what grips never pushes
         softer = jnp.clip(1 + more / jnp.where(jnp.abs(plain) > _LEAST_LEVEL, plain, _LEAST_LEVEL), 0.0, _SOFTEST)
         # a bristle that bends through within half a sample is followed no faster, or fast motion would be stiff
         bend = jnp.maximum(self.z_s * softer, 0.5 * jnp.abs(signals.v1) * signals.dt)
