@@ -104,8 +104,13 @@ class LawResidual:
         return min(enough, key=lambda e: (len(e.effects), e.rms))
 
 
-def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -> LawResidual:
-    """r_C of a record, fitted by every effect of the controller and searched for pulses; no plant is needed."""
+def examine_law(
+    recording: Recording, machine: Machine, band_hz: float = 60.0, exclude: Collection[str] = ()
+) -> LawResidual:
+    """r_C of a record, fitted by every effect of the controller but those excluded and searched for pulses.
+
+    No plant is needed.
+    """
     n, c = len(recording), machine.controller
     position, velocity = np.zeros(n), np.zeros(n)
     position[2:], velocity[2:] = law_terms(recording, machine)
@@ -123,11 +128,12 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
     rms_band = _rms(low(residual, odd=False))
     commanded = max(_rms(low(recording.vir, odd=False)), 1e-300)
 
-    explanations = [_explain(effects, r, P, V, c.sample_time) for effects in _CANDIDATES]
+    candidates = [effects for effects in _CANDIDATES if not set(effects) & set(exclude)]
+    explanations = [_explain(effects, r, P, V, c.sample_time) for effects in candidates]
     spans: list[tuple[int, int]] = []
     shapes: list[np.ndarray] = []
     rectangular = True
-    if rms_band * _unexplained(explanations) > RELEVANT * commanded:
+    if _PULSES not in exclude and rms_band * _unexplained(explanations) > RELEVANT * commanded:
         free, smallest = [P, P + V, *_delayed(V)], 0.005 * _rms(recording.vir)
         spans = _pulses(r, free, smallest)
         rectangular = bool(spans)
@@ -136,7 +142,7 @@ def examine_law(recording: Recording, machine: Machine, band_hz: float = 60.0) -
         if not rectangular:
             shapes = [shape * r / _peak(r[a:b]) for shape, (a, b) in zip(shapes, spans, strict=True)]
     if spans:
-        explanations += [_explain((*e, _PULSES), r, P, V, c.sample_time, shapes) for e in _CANDIDATES]
+        explanations += [_explain((*e, _PULSES), r, P, V, c.sample_time, shapes) for e in candidates]
 
     counting = _counting(encoder_grid(recording, machine) or machine.encoder.resolution, machine, low)
     found = LawResidual(

@@ -49,7 +49,7 @@ class Readings:
 
 def read_off(recordings: Sequence[Recording], machine: Machine, exclude: Collection[str]) -> Readings:
     """Examine the control law of every record; the first one decides on the controller."""
-    laws = [examine_law(r, machine) for r in recordings]
+    laws = [examine_law(r, machine, exclude=exclude) for r in recordings]
     law, remarks = laws[0], []
     pulses = tuple(x.pulses if x.significant and PULSES not in exclude else () for x in laws)
     for r, found in zip(recordings, pulses, strict=True):
