@@ -12,8 +12,9 @@ import numpy as np
 RELEVANT, BESIDE = 0.085, 0.12
 """Share of the residual energy that an effect must close to be worth a name, alone and beside others."""
 
-LEFT = 0.12
-"""Share of the explainable gap, left by all effects found, at which something else is as likely as not."""
+LEFT = 0.02
+"""Share of the explainable gap, left by all effects found, times the share of that residual that is not noise, at which
+something else is as likely as not: much of a little, or a little of much."""
 
 STRUCTURED = 0.1
 """Share of the last residual that must not be noise for that."""
@@ -61,8 +62,11 @@ NOTHING = Evidence((), np.zeros(0), np.zeros(0), 0.0)
 
 
 def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, float]:
-    """Probability of each effect, `none` and `other`, largest first; they sum to 1."""
-    out = {"none": none, "other": other}
+    """Probability of each effect, `none` and `other`, largest first; they sum to 1.
+
+    Where no effect is in question, none has what `other` leaves.
+    """
+    out = {"none": none if len(evidence.effects) else 1 - other, "other": other}
     if len(evidence.effects):
         weights = np.exp(evidence.weight - evidence.weight.max())
         weights = (1 - none - other) * weights / weights.sum()
@@ -96,11 +100,12 @@ def other(left: float, structured: float, drift: float, law_left: float) -> floa
     """Probability of something outside the catalogue though effects were found.
 
     `left` is the share of the explainable gap that they leave, `structured` the share of what they leave that is not
-    noise: both must be large; or `drift`, the slow part of it against the rest, or `law_left`, the share of r_C that
-    nothing explains.
+    noise: their product must be large; or `drift`, the slow part of it against the rest, or `law_left`, the share of
+    r_C that nothing explains.
     """
-    force = logistic(SURE_LEFT * np.log(max(left, 1e-9) / LEFT)) * logistic(SURE_STRUCTURED * (structured - STRUCTURED))
-    return max(force, _drifts(drift), _law(law_left))
+    much = logistic(SURE_LEFT * np.log(max(left * structured, 1e-9) / LEFT))
+    certain = logistic(SURE_STRUCTURED * (structured - STRUCTURED))
+    return max(much * certain, _drifts(drift), _law(law_left))
 
 
 def unknown(structured: float, drift: float, law_left: float) -> float:
