@@ -13,6 +13,7 @@ from ..recording import Recording
 from . import decide
 from .diagnosis import Diagnosis, Gap, Run
 from .fit import Fit
+from .floor import repeat_floor
 from .hunt import Found, atlas_of, hunt
 from .judge import judge, left, relative, rms_of
 from .numbers import base_shifts, candidates, closed, parameters, predict, rms_floor
@@ -25,6 +26,8 @@ from .whereabouts import whereabouts
 INVISIBLE = ("drive_gain",)
 """Absorbed by the base parameters exactly: never looked for."""
 
+FAR = 2.0
+"""Times the mass that is roughly known, beyond which it is another machine's."""
 
 ABSORBED = (
     "A wrong drive gain cannot be seen in motor force and position: masses, friction and stiffness absorb it exactly."
@@ -64,7 +67,8 @@ def diagnose(
     record = searcher.records[0]
     bench = dataclasses.replace(record.bench, grid=read.grid)
     before, after = _simulated(recordings[0], quiet[0], machine, catalogue, record.bench, bench, found)
-    floor = rms_floor(record, read, q.structured, relative(record, found.last.outputs[0]))
+    read_floor = None if any(read.pulses) else repeat_floor(record.recording).value
+    floor = rms_floor(record, read_floor, q.structured, relative(record, found.last.outputs[0]))
     rms = record.channels[0].rms
     gaps = {"fit": Gap(relative(record, before), relative(record, after), floor / rms)}
     runs = [_run(record, recordings[0], before, after)]
@@ -84,10 +88,10 @@ def diagnose(
         moved: dict[str, float] = {}
         now, last = was, None
         for (_, last), stage in zip(found.stages, stages, strict=True):
-            now = _judged(searcher, second, last, found, moved)
+            now, moved = _judged(searcher, second, last, found)
             stage["check"] = relative(second, now)
         if verdict.effects and last is not found.last:  # an effect was taken out again, or all were read off
-            now = _judged(searcher, second, found.last, found, moved)
+            now, moved = _judged(searcher, second, found.last, found)
         check_rms = second.channels[0].rms
         gaps["check"] = Gap(relative(second, was), relative(second, now), floor / check_rms, predicted)
         runs.append(_run(second, checked, was, now))
@@ -97,6 +101,10 @@ def diagnose(
             share, interval = closed(second, was, now, floor)
         remarks += [f"{name} is {value:.4g} on the check record, its own." for name, value in moved.items()]
 
+    if not once and open_check is None and read_floor is None:
+        remarks.append(
+            "The share closed is of the record that was fitted, against noise guessed from what is left there."
+        )
     estimates = parameters(searcher, found, read, verdict.effects, once)
     return Diagnosis(
         verdict=verdict.verdict,
@@ -112,7 +120,14 @@ def diagnose(
         last_in={e: found.last_in[e] for e in verdict.effects if e in found.last_in},
         where=whereabouts(searcher, nominal, found.last, found.adopted, read),
         experiment=next_experiment(searcher, found, verdict, catalogue),
-        remarks=(*remarks, *read.remarks, *_hum(q), *((ABSORBED,) if verdict.verdict == "none" else ())),
+        remarks=(
+            *remarks,
+            *read.remarks,
+            *_hum(q),
+            *_untested(found),
+            *_mass(searcher, found, machine),
+            *((ABSORBED,) if verdict.verdict == "none" else ()),
+        ),
         candidates=candidates(searcher, found, verdict.ranking, floor),
         atlas=atlas_of(record, left(record, before)),
         atlas_after=atlas_of(record, left(record, after)),
@@ -121,6 +136,7 @@ def diagnose(
             **dataclasses.asdict(q),
             "stages": stages,
             "order": found.order,
+            "floor_from_repeats": read_floor is not None,
             "steps": [dataclasses.asdict(evidence(step)) for step in found.steps],
         },
         machine=machine.name,
@@ -155,13 +171,31 @@ def _hum(q: Quality) -> tuple[str, ...]:
     )
 
 
-def _judged(searcher: Searcher, second: Prepared, fit: Fit, found: Found, moved: dict[str, float]) -> np.ndarray:
-    """The check record with the effects of a fit; what had to be moved for it is noted."""
+def _untested(found: Found) -> tuple[str, ...]:
+    return tuple(
+        f"{name} shows in one half of the record only, so that no part of it could be left out of its fit and tested."
+        for name in found.once
+    )
+
+
+def _mass(searcher: Searcher, found: Found, machine: Machine) -> tuple[str, ...]:
+    """Whether the mass is another machine's."""
+    values = searcher.model.decode(found.last.xs[0])
+    mass = sum(values[name] for name in ("M", "M1", "M2") if name in values)
+    if machine.mass_apriori / FAR < mass < FAR * machine.mass_apriori:
+        return ()
+    return (
+        f"A mass of {mass:.3g} kg is found, {machine.mass_apriori:.3g} kg are expected: "
+        "is it this machine's file, its drive gain in N/V on the load axis?",
+    )
+
+
+def _judged(searcher: Searcher, second: Prepared, fit: Fit, found: Found) -> tuple[np.ndarray, dict[str, float]]:
+    """The check record with the effects of a fit, and what had to be moved for it."""
     owners = {searcher.model.entries[i].owner for i in fit.chosen}
     effects = [e for e in searcher.model.effects if e.label() in owners and e.label() in found.adopted]
     judged = judge(second, fit.xs[0], effects, rms_of(searcher.records[0], fit))
-    moved.update(judged.moved)
-    return judged.outputs
+    return judged.outputs, judged.moved
 
 
 def _run(record: Prepared, recording: Recording, before: np.ndarray, after: np.ndarray) -> Run:
@@ -176,6 +210,6 @@ def _block(searcher: Searcher, verdict: Verdict, read: Readings, found: dict[str
     if first == PULSES and any(read.pulses):
         return "actuator"
     share = found[first].get("load_share")
-    if share and (share["std"] > 0 or share.get("bound")) and share["value"] - 2 * share["std"] > 0.5:
+    if share and share["value"] - 2 * share["std"] > 0.5:
         return Block.LOAD_SIDE.value
     return next(e.block.value for e in searcher.model.effects if e.label() == first)

@@ -31,13 +31,17 @@ START_STD = 10.0
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Where a fit ended: x and unfiltered outputs of each record, residuals in the band by record and channel, cost."""
+    """Where a fit ended: x and unfiltered outputs of each record, residuals in the band by record and channel, cost.
+
+    `innovations` are those residuals as they were weighed, a row of `jacobian` each; rows of the priors follow there.
+    """
 
     chosen: tuple[int, ...]
     xs: tuple[np.ndarray, ...]
     outputs: tuple[np.ndarray, ...]
     residuals: tuple[tuple[np.ndarray, ...], ...]
     cost: float
+    innovations: np.ndarray
     jacobian: np.ndarray
     evaluations: int
 
@@ -169,7 +173,14 @@ class Problem:
         xs = spread(found.x)
         outputs = [p.model.run(x_r) for p, x_r in zip(self.records, xs, strict=True)]
         return Fit(
-            tuple(chosen), tuple(xs), tuple(outputs), self.residuals(outputs), float(found.cost), found.jac, found.nfev
+            tuple(chosen),
+            tuple(xs),
+            tuple(outputs),
+            self.residuals(outputs),
+            float(found.cost),
+            found.fun[: self._length()],
+            found.jac,
+            found.nfev,
         )
 
     def _length(self) -> int:

@@ -1,6 +1,7 @@
 """The hunt for effects: one at a time, refitted together, as long as the next one is worth it; then back again."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from .fit import PRIORS, Fit
 from .prepared import Prepared, motion
 from .relevance import halves
 from .remainder import Remainder, remainder
-from .search import Refit, Searcher, Step
+from .search import LONG, Refit, Searcher, Step
 
 MOST_EFFECTS = 4
 SHARE = 0.02
@@ -27,6 +28,8 @@ SIMPLER = 0.02
 """Share of the energy left that a parameter must be worth in that."""
 HIDDEN = 0.1
 """Of what a parameter changes, the share that a half of the blocks must show for it to be refitted there."""
+ONCE = 4.0
+"""Times `CERTAIN` that is asked of what so shows in one half alone: the other cannot test it."""
 TRIED = 3
 """Refits of a step that may show that they gain on blocks they were not fitted to."""
 
@@ -37,7 +40,7 @@ class Found:
 
     `read` effects came with the record, `adopted` lists them and those found, in order. `stages` holds the fit after
     each effect found, `order` which one each step found; `last_in` the share of the closed gap that comes back without
-    an effect.
+    an effect. Effects that act `once` could not be tested where they were not fitted.
     """
 
     nominal: Fit
@@ -48,6 +51,7 @@ class Found:
     stages: tuple[tuple[str, Fit], ...]
     last_in: dict[str, float]
     order: tuple[str, ...]
+    once: tuple[str, ...] = ()
 
     def step_of(self, effect: str) -> Step | None:
         """The step in which an effect was found; None for one that was read off the record."""
@@ -73,6 +77,7 @@ def hunt(
         last = searcher.problem().solve(last.xs, last.chosen, evaluations=6)
     steps: list[Step] = []
     stages: list[tuple[str, Fit]] = []
+    once: list[str] = []
     while len(adopted) < MOST_EFFECTS:
         worth = WORTH if adopted and rest(searcher, last).settled else 0.0
         others = [e for e in effects if e.label() not in adopted]
@@ -86,22 +91,27 @@ def hunt(
             break
         say(f"{best.effect}: {100 * gain(step, best):.0f} % of what was left")
         adopted = (*adopted, best.effect)
+        if _acts_once(searcher, best):
+            once.append(best.effect)
         last = _settle(searcher, last, best, adopted)
         stages.append((best.effect, last))
     adopted, last, last_in = _eliminate(searcher, nominal, last, adopted, read)
     kept = tuple(stage for stage in stages if stage[0] in adopted)
-    return Found(nominal, last, read, adopted, tuple(steps), kept, last_in, tuple(name for name, _ in stages))
+    acting_once = tuple(name for name in once if name in adopted)
+    order = tuple(name for name, _ in stages)
+    return Found(nominal, last, read, adopted, tuple(steps), kept, last_in, order, acting_once)
 
 
 def _best(searcher: Searcher, step: Step, adopted: tuple[str, ...]) -> tuple[Refit | None, tuple[str, ...]]:
     """The refit to adopt, and those that are out though they may be likelier."""
     least = decide.BESIDE if adopted else decide.RELEVANT
-    worth = [r for r in step.refits if gain(step, r) >= least and not _usual(searcher, r)]
-    names, failed = {r.effect for r in worth}, list[str]()
+    usual = {r.effect for r in step.refits if _usual(searcher, r)}
+    worth = [r for r in step.refits if gain(step, r) >= least and r.effect not in usual]
+    names, failed = {r.effect for r in worth}, sorted(usual)
     for refit in _ordered(worth)[:TRIED]:
-        if _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
-            slight = [r for r in step.refits if r.effect not in names and _likely(r) > _likely(refit)]
-            return refit, (*failed, *(r.effect for r in slight))
+        if _certain(searcher, step, refit) and _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
+            slight = [r.effect for r in step.refits if r.effect not in names and _likely(r) > _likely(refit)]
+            return refit, tuple(dict.fromkeys((*failed, *slight)))
         failed.append(refit.effect)
     return None, tuple(failed)
 
@@ -159,62 +169,85 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
     """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
-    split = [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
-    held = {*searcher.model.of("start"), *_hidden(searcher, best.fit, split)}  # stays as all blocks together have it
-    without = with_it = 0.0
-    for half in (0, 1):
+    split = _halves(searcher)
+    hidden, start = _hidden(searcher, best.fit), searcher.model.of("start")
+    both = (before, before.chosen, adopted), (best.fit, searcher.chosen(before, best.effect), (*adopted, best.effect))
+
+    def elsewhere(trial: tuple[int, tuple[Fit, Sequence[int], tuple[str, ...]]]) -> float:
+        half, (fit, chosen, free) = trial
         mask = [halved == half for halved in split]
-        problem = searcher.problem(mask=mask)
-        one, two = (
-            problem.solve(fit.xs, [i for i in chosen if i not in held], frozenset(free), 4)
-            for fit, chosen, free in (
-                (before, before.chosen, adopted),
-                (best.fit, searcher.chosen(before, best.effect), (*adopted, best.effect)),
-            )
+        held = {*start, *hidden[half]}  # stays as all blocks together have it
+        found = searcher.problem(mask=mask).solve(
+            fit.xs, [i for i in chosen if i not in held], frozenset(free), evaluations=4
         )
-        without += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(one.residuals, mask, strict=True))
-        with_it += sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(two.residuals, mask, strict=True))
-    return with_it < (1 - least) * without
+        return sum(float(np.sum(row[0][~m] ** 2)) for row, m in zip(found.residuals, mask, strict=True))
+
+    left = searcher.side_by_side(elsewhere, [(half, one) for half in (0, 1) for one in both])
+    return left[1] + left[3] < (1 - least) * (left[0] + left[2])
 
 
-def _hidden(searcher: Searcher, fit: Fit, split: Sequence[np.ndarray]) -> set[int]:
-    """Places of what one of the halves hardly shows: the instant of a push that lies in the other."""
+def _halves(searcher: Searcher) -> list[np.ndarray]:
+    return [halves(len(p.channels[0].observed), p.dt) for p in searcher.records]
+
+
+def _hidden(searcher: Searcher, fit: Fit) -> tuple[set[int], set[int]]:
+    """Places of what each of the halves hardly shows: the instant of a push that lies in the other."""
     places = searcher.shared(fit)
-    half = np.concatenate([h for h, p in zip(split, searcher.records, strict=True) for _ in p.channels])
+    half = np.concatenate([h for h, p in zip(_halves(searcher), searcher.records, strict=True) for _ in p.channels])
     J = fit.jacobian[: len(half), : len(places)]
-    one, two = (np.sum(J[half == k] ** 2, axis=0) for k in (0, 1))
-    return {i for i, hidden in zip(places, np.minimum(one, two) < HIDDEN * (one + two), strict=True) if hidden}
+    shown = [np.sum(J[half == k] ** 2, axis=0) for k in (0, 1)]
+    one, two = (
+        {i for i, s, t in zip(places, mine, shown[0] + shown[1], strict=True) if s < HIDDEN * t} for mine in shown
+    )
+    return one, two
+
+
+def _acts_once(searcher: Searcher, refit: Refit) -> bool:
+    """Whether one half of the blocks hardly shows some parameter of the effect."""
+    one, two = _hidden(searcher, refit.fit)
+    return bool((one | two) & set(searcher.model.of(refit.effect)))
+
+
+def _certain(searcher: Searcher, step: Step, refit: Refit) -> bool:
+    """Whether what acts once is so likely that no test elsewhere is needed; true of everything else."""
+    return _likely(refit) - step.log_likelihood > ONCE * CERTAIN or not _acts_once(searcher, refit)
 
 
 def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...]) -> Fit:
     """The refit once more, its instants tried elsewhere and its channels weighed by what it leaves."""
     model, fit, free = searcher.model, best.fit, frozenset(adopted)
     chosen = searcher.chosen(before, best.effect)
+    if set(fit.chosen) != set(chosen):  # a cheap refit, of some of the places
+        fit = searcher.problem().solve(fit.xs, chosen, free, LONG)
     effect = next(e for e in model.effects if e.label() == best.effect)
     for parameter in effect.own_to_record:
         name = f"{best.effect}.{parameter}"
-        if name not in model.index:
-            continue
-        at = model.decode(fit.xs[0])[name]
-        shifts = np.linspace(-0.4, 0.4, 32)
-        problem = searcher.problem()
-        trials = [[model.encode(x, {name: at + s}) for s in shifts] for x in fit.xs]
-        costs = np.zeros(len(shifts))
-        for p, xs, filters in zip(problem.records, trials, problem.whitening, strict=True):
-            for k, out in enumerate(p.model.batch(np.array(xs))):
-                rows = [w(c.observed - p.filtered(out, c)) for c, w in zip(p.channels, filters, strict=True)]
-                costs[k] += sum(float(r @ r) for r in rows)
-        nearest = int(np.nanargmin(costs))
-        moved = problem.solve([xs[nearest] for xs in trials], chosen, free, 18)
-        if moved.cost < fit.cost:
-            fit = moved
+        if name in model.index:
+            moved = searcher.problem().solve(_at_best_instant(searcher, fit, name), chosen, free, 18)
+            fit = moved if moved.cost < fit.cost else fit
     for _ in range(2):
+        whitening = searcher.whitening
         searcher.weigh_by_noise(fit)
         settled = searcher.problem().solve(fit.xs, chosen, free, 8)
         if energy(settled) > energy(before):  # weighed otherwise, more may be left than there was
+            searcher.whitening = whitening
             break
         fit = settled
     return fit
+
+
+def _at_best_instant(searcher: Searcher, fit: Fit, name: str) -> list[np.ndarray]:
+    """x of every record with one instant shifted to where it leaves least."""
+    model, out = searcher.model, []
+    for p, x, filters in zip(searcher.records, fit.xs, searcher.whitening, strict=True):
+        at = model.decode(x)[name]
+        trials = [model.encode(x, {name: at + shift}) for shift in np.linspace(-0.4, 0.4, 32)]
+        costs = []
+        for outputs in searcher.side_by_side(p.model.run, trials):
+            rows = [w(c.observed - p.filtered(outputs, c)) for c, w in zip(p.channels, filters, strict=True)]
+            costs.append(sum(float(r @ r) for r in rows))
+        out.append(trials[int(np.nanargmin(costs))])
+    return out
 
 
 def _eliminate(
@@ -223,7 +256,11 @@ def _eliminate(
     """Take each effect out again: one that is not missed goes; the others say what they hold of the gap."""
     while True:
         whole = max(energy(nominal) - energy(last), 1e-300)
-        without = {n: nominal if len(adopted) == 1 else _without(searcher, last, adopted, n) for n in adopted}
+        if len(adopted) == 1:
+            without = {adopted[0]: nominal}
+        else:
+            fits = searcher.side_by_side(functools.partial(_without, searcher, last, adopted), adopted)
+            without = dict(zip(adopted, fits, strict=True))
         last_in = {n: float(np.clip((energy(fit) - energy(last)) / whole, 0.0, 1.0)) for n, fit in without.items()}
         superfluous = [
             n

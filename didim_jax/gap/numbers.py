@@ -11,7 +11,6 @@ from ..hygiene import injected_scale
 from ..machine import Machine
 from ..recording import Recording
 from .diagnosis import Candidate, Estimate, Shift
-from .floor import repeat_floor
 from .hunt import Found
 from .judge import left, relative
 from .model import Model
@@ -24,10 +23,9 @@ from .spread import standard_deviations
 _TRANSIENT = 0.6  # s
 
 
-def rms_floor(record: Prepared, read: Readings, structured: float, after: float) -> float:
-    """What noise alone would leave of the fit record, N rms: by repeats if any, else the unstructured rest."""
+def rms_floor(record: Prepared, repeated: float | None, structured: float, after: float) -> float:
+    """What noise alone would leave of the fit record, N rms: as `repeated` tells, else the unstructured rest."""
     rms = record.channels[0].rms
-    repeated = None if any(read.pulses) else repeat_floor(record.recording).value
     unstructured = after * float(np.sqrt(max(1 - structured, 0.0)))
     return rms * (unstructured if repeated is None else min(after, repeated))
 

@@ -5,7 +5,7 @@ not (thresholds, gaps, a limit), and it is of the effect's usual size.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -31,7 +31,21 @@ class Score:
     start: Mapping[str, float]
 
 
-def score(problem: Problem, fit: Fit, effects: Sequence[AbstractEffect]) -> list[Score]:
+type Each = Callable[[Callable[[np.ndarray], np.ndarray], Iterable[np.ndarray]], list[np.ndarray]]
+"""Maps a simulation over many x."""
+
+
+def in_turn(run: Callable[[np.ndarray], np.ndarray], xs: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """One after the other."""
+    return [run(x) for x in xs]
+
+
+def score(
+    problem: Problem,
+    fit: Fit,
+    effects: Sequence[AbstractEffect],
+    each: Each = in_turn,
+) -> list[Score]:
     """Every probe of every effect, best first. Effects are those of the first record's model, in its order."""
     first = problem.records[0]
     # A force that pushes along with the motor leaves the command short of the simulation's.
@@ -50,7 +64,7 @@ def score(problem: Problem, fit: Fit, effects: Sequence[AbstractEffect]) -> list
     for p, x in zip(problem.records, fit.xs, strict=True):
         alone = np.array(x)
         alone[beside] = 0.0
-        out = p.model.batch(np.array([alone, *(model.encode(alone, values) for *_, values in columns)]))
+        out = np.array(each(p.model.run, [alone, *(model.encode(alone, values) for *_, values in columns)]))
         rows.append([p.filtered(out[1:] - out[0], c) for c in p.channels])
     signatures = problem.whitened(rows)
     signatures[~np.isfinite(signatures)] = 0.0

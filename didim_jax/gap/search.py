@@ -1,6 +1,7 @@
 """Which effect: score all of them, refit the best with exact Jacobians, keep what gains; again, until nothing does."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -21,6 +22,9 @@ SHORT, LONG = 5, 18
 
 RIVAL = 3.0
 """Times the least cost after the cheap refits that a rival may leave and still be refitted in full."""
+
+NEARLY = 1.3
+"""Times the cost of the best full refit within which a cheap one is made full as well."""
 
 SAME = 1.03
 """Times its cost within which another refit of the effect is on the way to the same minimum."""
@@ -84,7 +88,15 @@ class Searcher:
 
     def problem(self, mask: Sequence[np.ndarray] | None = None) -> Problem:
         """The least-squares problem as it is weighed now."""
-        return Problem(self.records, self.whitening, mask=mask)
+        return Problem(self.records, self.whitening, self.own, mask)
+
+    @functools.cached_property
+    def own(self) -> frozenset[int]:
+        """Places of what every record has a value of its own of, besides its start: clocks do not start together."""
+        if len(self.records) == 1:
+            return frozenset()
+        names = (f"{e.label()}.{p}" for e in self.model.effects for p in e.own_to_record)
+        return frozenset(self.model.index[name] for name in names if name in self.model.index)
 
     def weigh(self, fit: Fit) -> None:
         """Let every channel weigh by what this fit leaves of it."""
@@ -115,23 +127,25 @@ class Searcher:
 
     def shared(self, fit: Fit) -> list[int]:
         """Places that all records of a fit share, in the order of the first columns of its Jacobian."""
-        start = set(self.model.of("start"))
-        return [i for i in fit.chosen if i not in start]
+        own = self.own | set(self.model.of("start"))
+        return [i for i in fit.chosen if i not in own]
+
+    def columns(self, fit: Fit) -> list[int]:
+        """Place of each of the first columns of its Jacobian: what all records share, then what is the first one's."""
+        return [*self.shared(fit), *(i for i in fit.chosen if i in self.own | set(self.model.of("start")))]
 
     def _acting(self, effect: str, fit: Fit) -> int:
         """How many parameters of an effect change anything on these records."""
-        columns = self.shared(fit)
-        rows = sum(len(r) for row in fit.residuals for r in row)
-        moved = np.any(fit.jacobian[:rows, : len(columns)] != 0, axis=0)
+        columns = self.columns(fit)
+        moved = np.any(fit.jacobian[: len(fit.innovations), : len(columns)] != 0, axis=0)
         return sum(bool(moved[columns.index(i)]) for i in self.model.of(effect) if i in columns)
 
-    def map[A, B](self, work: Callable[[Problem, A], B], items: Iterable[A]) -> list[B]:
-        """Work on the items side by side; results in their order."""
-        problem = self.problem()
+    def side_by_side[A, B](self, work: Callable[[A], B], items: Iterable[A]) -> list[B]:
+        """Work on the items in the threads; results in their order."""
         if self.threads == 1:
-            return [work(problem, item) for item in items]
+            return [work(item) for item in items]
         with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(lambda item: work(problem, item), items))
+            return list(pool.map(work, items))
 
     @property
     def base(self) -> list[int]:
@@ -151,7 +165,7 @@ class Searcher:
         """The fit without any effect: the best of a grid over mass ratio and mode, then least squares."""
         starts = self._starts()
         p = self.records[0]
-        outputs = p.model.batch(np.array(starts))
+        outputs = self.side_by_side(p.model.run, starts)
         costs = [float(np.sum((p.channels[0].observed - p.filtered(out, p.channels[0])) ** 2)) for out in outputs]
         if not np.isfinite(costs).any():
             raise InputError(f"{p.recording.label}: no drive of this kind follows it; check model and units.")
@@ -167,10 +181,11 @@ class Searcher:
     def _sharpened(self, fit: Fit) -> Fit:
         """The fit from the best of several smoothing speeds: far from the right one it shows no slope."""
         problem, model = self.problem(), self.model
-        found = [fit]
-        for v_eps in SHARPNESS:
-            xs = [model.encode(x, {"v_eps": v_eps}) for x in fit.xs]
-            found.append(problem.solve(xs, self.base, evaluations=3))
+
+        def from_speed(v_eps: float) -> Fit:
+            return problem.solve([model.encode(x, {"v_eps": v_eps}) for x in fit.xs], self.base, evaluations=3)
+
+        found = [fit, *self.side_by_side(from_speed, SHARPNESS)]
         best = min((f for f in found if f.ok), key=lambda f: f.cost, default=fit)
         return best if best is fit else problem.solve(best.xs, self.base, evaluations=12)
 
@@ -212,10 +227,12 @@ class Searcher:
         and every pair is a program of its own.
         """
         most, again_with = (4, 2) if adopted else (7, 3)
-        scores = score(self.problem(), before, effects)
+        problem = self.problem()
+        scores = score(problem, before, effects, self.side_by_side)
         likely = self.log_likelihood(before)
         if not scores or scores[0].share < worth:
             return Step(before, likely, tuple(scores), ())
+        twins = {e.label(): e.twins for e in effects}
         by_effect: dict[str, list[Score]] = {}
         for s in scores:
             by_effect.setdefault(s.effect, []).append(s)
@@ -233,17 +250,17 @@ class Searcher:
         if self._bent(before) and not adopted:
             starts += [(s, (self._plain,) * len(self.records)) for s in tried]
 
-        def short(problem: Problem, start: tuple[Score, Sequence[np.ndarray]]) -> _Trial:
+        def short(start: tuple[Score, Sequence[np.ndarray]]) -> _Trial:
             s, xs = start
             chosen = [i for i in self.chosen(before, s.effect) if not self._small(i, (s.effect, *adopted))]
             starts = [self.model.encode(x, s.start) for x in xs]
             return _Trial(s, problem.solve(starts, chosen, frozenset({s.effect, *adopted}), SHORT))
 
-        def long(problem: Problem, r: _Trial) -> _Trial:
+        def long(r: _Trial) -> _Trial:
             fit = problem.solve(r.fit.xs, self.chosen(before, r.effect), frozenset({r.effect, *adopted}), LONG)
             return _Trial(r.score, fit)
 
-        first = sorted((r for r in self.map(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
+        first = sorted((r for r in self.side_by_side(short, starts) if r.fit.ok), key=lambda r: r.fit.cost)
         if not first:
             return Step(before, likely, tuple(scores), ())
         # Several probes of one effect may end in several minima: the best two effects get all of theirs.
@@ -251,8 +268,14 @@ class Searcher:
         leaders = list(dict.fromkeys(r.effect for r in near))[:4]
         again = [r for r in near if r.effect in leaders[:2]][:4]
         again += [next(r for r in near if r.effect == name) for name in leaders[2:]]
+        whole = [r for r in self.side_by_side(long, again) if r.fit.ok]
+        # What is nearly as good, or known to look the same, is compared when it has arrived, too.
+        least = min((r.fit.cost for r in whole), default=np.inf)
+        alike = {e for r in whole if r.fit.cost == least for e in twins.get(r.effect, ())}
+        late = {r.effect: r for r in reversed(near) if r.effect in alike or r.fit.cost < NEARLY * least}
+        whole += [r for r in self.side_by_side(long, (late[e] for e in late if e not in leaders)) if r.fit.ok]
         best: dict[str, _Trial] = {}
-        for r in [*sorted((r for r in self.map(long, again) if r.fit.ok), key=lambda r: r.fit.cost), *first]:
+        for r in [*sorted(whole, key=lambda r: r.fit.cost), *first]:
             best.setdefault(r.effect, r)
         top = tuple(ss[0] for ss in by_effect.values())
         refits = (

@@ -22,9 +22,10 @@ FOREIGN = 0.5
 class Quality:
     """What the hunt came to.
 
-    `gain` is the share of the residual's energy that the first effect closed. `followed`, `bursts`, `line`, `line_hz`
-    and `drift` say what the last residual still holds (see `Remainder`), `structured` its share that is not noise;
-    `left` is that as a share of all there was to explain. `law_left` is the share of r_C that nothing explains.
+    `gain` is the share of the residual's energy that the first effect closed, or would have, if nothing refuted it.
+    `followed`, `bursts`, `line`, `line_hz` and `drift` say what the last residual still holds (see `Remainder`),
+    `structured` its share that is not noise, `left` that as a share of all there was to explain. `law_left` is the
+    share of r_C that nothing explains.
     """
 
     gain: float
@@ -40,11 +41,12 @@ class Quality:
 
 def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
     """Measure it on the first record."""
-    first = found.steps[0] if found.steps else None
-    best = None if first is None else next((r for r in first.refits if r.effect in found.order[:1]), None)
-    if best is None and first is not None and first.refits:
-        best = first.refits[0]
-    closed = 0.0 if first is None or best is None else gain(first, best)
+    closed = 0.0
+    if found.steps:
+        first = found.steps[0]
+        credible = [r for r in first.refits if r.effect not in first.refuted]
+        best = next((r for r in credible if r.effect in found.order[:1]), credible[0] if credible else None)
+        closed = 0.0 if best is None else gain(first, best)
     remains = rest(searcher, found.last)
     before, after = (float(np.sum(fit.residuals[0][0] ** 2)) for fit in (found.nominal, found.last))
     left, explained = remains.structured * after, max(before - after, 0.0)
