@@ -18,7 +18,7 @@ from didim_jax.gap import decide
 from experiments.blind import calibrate, limits, real
 from experiments.blind.judge import blank_row
 from experiments.blind.limits import MAIN, Asked, bound, measured, read_rows
-from experiments.blind.plan import ALIAS
+from experiments.blind.plan import ALIAS, TWINS
 from experiments.blind.staircase import LEVELS, chance, next_size, threshold
 from experiments.study import write_json
 
@@ -489,13 +489,26 @@ def test_a_study_is_open_or_given_up(tmp_path):
 
 
 def test_every_case_is_judged_with_constants_of_other_effects(monkeypatch):
-    cases = tempered(12.0, 30)
+    """None of them, nor a twin of one, is in what the constants were fitted on: also not of a case with several."""
+    several = [["offset", "stribeck"], ["stribeck", "cogging"], ["time_delay", "x_cogging", "backlash"]]
+    twins = [["asymmetric_coulomb"], ["encoder_periodic_error"], ["x_transmission_error"], ["amplifier_lag"], [], []]
+    remains = evidence([-1000.0], ["stribeck"], 0.6)
+    cases = [case(f"c{k}", truth, remains) for k, truth in enumerate([*several, *twins, ["backlash"], ["offset"]])]
     trained = []
-    monkeypatch.setattr(calibrate, "fitted", lambda some: trained.append({s.fold for s in some}) or calibrate.present())
-    monkeypatch.setattr(calibrate, "rows", lambda some, c: [(s, {s.fold} & trained[-1]) for s in some])
-    judged = calibrate.cross_validated(cases)
+    monkeypatch.setattr(calibrate, "fitted", lambda some: trained.append(some) or calibrate.present())
+    monkeypatch.setattr(calibrate, "rows", lambda some, c: [(s, trained[-1]) for s in some])
+    judged = calibrate.cross_validated(cases, 4)
     assert sorted(seen.blank.case for seen, _ in judged) == sorted(seen.blank.case for seen in cases)
-    assert not any(both for _, both in judged)
+    for seen, others in judged:
+        mine = {name.removeprefix("x_") for name in seen.blank.truth}
+        near = mine.union(*(pair for pair in TWINS if mine & pair))
+        assert others and seen not in others
+        assert not any(near & {name.removeprefix("x_") for name in other.blank.truth} for other in others)
+
+
+def test_a_study_of_one_effect_leaves_nothing_to_fit_on():
+    cases = [case(f"c{k}", ["stribeck"], evidence([-1000.0], ["stribeck"], 0.6)) for k in range(3)]
+    assert calibrate.cross_validated(cases) == calibrate.rows(cases, calibrate.present())
 
 
 def test_figures_are_printed(capsys):

@@ -6,8 +6,8 @@ steer the search itself. What is maximised is the log probability given to what 
 constant to within a factor of e of its present value. TWIN has no say in that: it is set so that the truth is in the
 group that is named, and a group is named no more often than needed.
 
-It is judged on other effects than it was fitted on (folds by effect): log score, Brier score, calibration error, how
-often an effect of the catalogue is left unexplained, and how often one of no catalogue is not.
+It is judged on other effects than it was fitted on, twins counted as one: log score, Brier score, calibration error,
+how often an effect of the catalogue is left unexplained, and how often one of no catalogue is not.
 
 An open study is one whose cases were never sealed: cases, answers, and the diagnoses of `didim diagnose --cases`. One
 that was sealed gave figures by being opened for the first time, and constants fitted on it would make them worthless:
@@ -31,8 +31,9 @@ from didim_jax.gap.readings import CONTROLLER
 from didim_jax.gap.verdict import FOREIGN, Findings, Quality, conclude
 
 from ..study import write_json
-from .judge import NONE, Row, blank_row, judge
+from .judge import Row, blank_row, judge
 from .layout import ANSWERS, DIAGNOSES, LEDGER, OPENED, SEALS, case_names, read_json
+from .plan import TWINS
 from .summary import calibration, mean
 
 CALIBRATED = "calibrated.json"
@@ -72,11 +73,13 @@ class Seen:
         return cls(blank, document, Findings(read, adopted, numbers, steps, tuple(e["order"]), foreign))
 
     @property
-    def fold(self) -> str:
-        """What is kept together: an effect's cases, also those without its name; each case without one on its own."""
-        if self.blank.target == NONE:
-            return self.blank.case
-        return "+".join(name.removeprefix("x_") for name in self.blank.truth)
+    def kinds(self) -> tuple[str, ...]:
+        """What it holds: its effects, those left out of the catalogue too, twins as one; without any, itself."""
+        return tuple(_kind(name.removeprefix("x_")) for name in self.blank.truth) or (self.blank.case,)
+
+
+def _kind(effect: str) -> str:
+    return min({effect}.union(*(pair for pair in TWINS if effect in pair)))
 
 
 def _evidence(step: Mapping[str, Any]) -> decide.Evidence:
@@ -119,6 +122,8 @@ def fitted(cases: Sequence[Seen], start: Constants | None = None) -> dict[str, f
     start = present() if start is None else start
     names = [name for name in start if name != _TWIN]
     weigh = [seen for seen in cases if len(seen.blank.target) == 1]
+    if not weigh:
+        return dict(start)
 
     def constants(z: np.ndarray) -> dict[str, float]:
         return dict(start) | {name: float(start[name] * np.exp(x)) for name, x in zip(names, z, strict=True)}
@@ -146,14 +151,18 @@ def _grouped(judged: Sequence[Row]) -> float:
 
 
 def cross_validated(cases: Sequence[Seen], folds: int = _FOLDS) -> list[Row]:
-    """Every case judged with constants that were fitted without its effect."""
-    kinds = sorted({seen.fold for seen in cases})
+    """Every case judged with constants that were fitted without any of its effects and without their twins.
+
+    A fold judges the cases whose first effect is in it, and is fitted without every case that holds any effect of
+    those. Folds of all that is connected through cases of several effects would not leak either, but where these are
+    many they connect half of a study.
+    """
+    firsts = sorted({seen.kinds[0] for seen in cases})
     out = []
-    for fold in range(folds):
-        held = {kind for k, kind in enumerate(kinds) if k % folds == fold}
-        judging = [seen for seen in cases if seen.fold in held]
-        if judging:
-            out += rows(judging, fitted([seen for seen in cases if seen.fold not in held]))
+    for fold in range(min(folds, len(firsts))):
+        judging = [seen for seen in cases if seen.kinds[0] in firsts[fold::folds]]
+        held = {kind for seen in judging for kind in seen.kinds}
+        out += rows(judging, fitted([seen for seen in cases if held.isdisjoint(seen.kinds)]))
     return out
 
 
