@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass
 from didim_jax import InputError
 from didim_jax.config import CONFIG
 
-from .blind.calibrate import Seen, cross_validated, figures
+from .blind.calibrate import Seen, compared, figures
 from .blind.judge import blank_row, judge
 from .blind.plan import TWINS
 from .data import gap_folder
@@ -107,7 +107,7 @@ def _cross_validated(out: Path, answers: dict[str, Any], folds: int) -> dict[str
             cases.append(Seen.of(blank, json.loads(path.read_text(encoding="utf-8"))))
     return {
         "as_written": figures([judge(seen.blank, seen.document) for seen in cases]),
-        "cross_validated": figures(cross_validated(cases, folds)),
+        **compared(cases, folds),
     }
 
 

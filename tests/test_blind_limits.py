@@ -450,7 +450,7 @@ def tempered(temperature: float, n: int, seed: int = 0) -> list[calibrate.Seen]:
 def test_a_known_temperature_comes_back(temperature):
     cases, before = tempered(temperature, 120), calibrate.present()
     start = {name: before[name] for name in ("TEMPERATURE", "SURE_NONE", "SURE_LEFT", "SURE_ODD")}
-    found = calibrate.fitted(cases, start)
+    found = calibrate.fitted(cases, calibrate.Prior(start, width=1.0))
     assert found["TEMPERATURE"] == pytest.approx(temperature, rel=0.5)
     assert calibrate.present() == before  # nothing was changed
     now, then = (calibrate.log_score(calibrate.rows(cases, c)) for c in (start, found))
@@ -495,9 +495,9 @@ def test_every_case_is_judged_with_constants_of_other_effects(monkeypatch):
     remains = evidence([-1000.0], ["stribeck"], 0.6)
     cases = [case(f"c{k}", truth, remains) for k, truth in enumerate([*several, *twins, ["backlash"], ["offset"]])]
     trained = []
-    monkeypatch.setattr(calibrate, "fitted", lambda some: trained.append(some) or calibrate.present())
+    monkeypatch.setattr(calibrate, "fitted", lambda some, _: trained.append(some) or calibrate.present())
     monkeypatch.setattr(calibrate, "rows", lambda some, c: [(s, trained[-1]) for s in some])
-    judged = calibrate.cross_validated(cases, 4)
+    judged = calibrate.cross_validated(cases, calibrate.NEUTRAL, 4)
     assert sorted(seen.blank.case for seen, _ in judged) == sorted(seen.blank.case for seen in cases)
     for seen, others in judged:
         mine = {name.removeprefix("x_") for name in seen.blank.truth}
@@ -508,12 +508,24 @@ def test_every_case_is_judged_with_constants_of_other_effects(monkeypatch):
 
 def test_a_study_of_one_effect_leaves_nothing_to_fit_on():
     cases = [case(f"c{k}", ["stribeck"], evidence([-1000.0], ["stribeck"], 0.6)) for k in range(3)]
-    assert calibrate.cross_validated(cases) == calibrate.rows(cases, calibrate.present())
+    assert calibrate.cross_validated(cases, calibrate.NEUTRAL) == calibrate.rows(cases, calibrate.NEUTRAL.center)
+
+
+def test_a_fit_that_starts_neutral_does_not_remember_what_was_set_by_hand(monkeypatch):
+    """It starts at a value of every constant that is fitted, and the present ones have no part in what it finds."""
+    assert set(calibrate.NEUTRAL.center) == set(calibrate.present())
+    cases = tempered(3.0, 20)
+    found = calibrate.fitted(cases, calibrate.NEUTRAL)
+    for name, value in calibrate.present().items():
+        monkeypatch.setattr(decide, name, 3 * value)
+    assert calibrate.fitted(cases, calibrate.NEUTRAL) == found
 
 
 def test_figures_are_printed(capsys):
     cases = tempered(12.0, 20)
     now = calibrate.figures(calibrate.rows(cases, calibrate.present()))
     document = {"now": calibrate.present(), "suggested": calibrate.present()}
-    calibrate.print_calibration({**document, "figures": {"now": now, "cross_validated": now}})
+    calibrate.print_calibration(
+        {**document, "figures": dict.fromkeys(("now", "cross_validated", "cross_validated_from_now"), now)}
+    )
     assert "TEMPERATURE" in capsys.readouterr().out

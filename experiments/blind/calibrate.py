@@ -2,9 +2,10 @@
 
 Only what was said already is weighed anew: `evidence` of every diagnosis.json goes through `didim_jax.gap.decide` with
 other constants, no diagnosis is run again. The constants are the upper-case numbers of that module, all but those that
-steer the search itself. What is maximised is the log probability given to what was true, under a prior that holds every
-constant to within a factor of e of its present value. TWIN has no say in that: it is set so that the truth is in the
-group that is named, and a group is named no more often than needed.
+steer the search itself. What is maximised is the log probability given to what was true, under a prior about values
+that never saw a case, `NEUTRAL`: about the present ones, set by hand on open cases, it would remember these. TWIN has
+no say in that: it is set so that the truth is in the group that is named, and a group is named no more often than
+needed.
 
 It is judged on other effects than it was fitted on, twins counted as one: log score, Brier score, calibration error,
 how often an effect of the catalogue is left unexplained, and how often one of no catalogue is not.
@@ -41,13 +42,44 @@ CALIBRATED = "calibrated.json"
 _HELD = ("RELEVANT", "BESIDE", "PENALTY", "DRIFT")  # steers the search: another value needs other diagnoses
 _TWIN = "TWIN"
 _FOLDS = 5
-_EVALUATIONS = 250
+_EVALUATIONS = 600
 _FEWEST = 20
 _LEAST = 1e-4  # probability given to the truth: a single surprise must not decide
 _NEEDLESS = 0.25  # of a wrong answer, what a group costs whose first name alone was right
 
 
 type Constants = Mapping[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Prior:
+    """Where a fit starts, and the standard deviation of every constant's logarithm about that."""
+
+    center: Constants
+    width: float
+
+
+NEUTRAL = Prior(
+    {
+        # Something else is as likely as not where a tenth is left, of what was to explain or should be noise.
+        "LEFT": 0.1,
+        "STRUCTURED": 0.1,
+        "ODD": 0.1,
+        # A tenth of a share more or less turns the odds by e, twice a quantity by eight: hardly a threshold.
+        "SURE_NONE": 10.0,
+        "SURE_STRUCTURED": 10.0,
+        "SURE_ODD": 10.0,
+        "SURE_LEFT": 3.0,
+        "SURE_DRIFT": 3.0,
+        # Likelihoods are taken at their word, laws for right to a percent.
+        "TEMPERATURE": 1.0,
+        "INEXACT": 0.01,
+        # Odds of twenty to one tell two effects apart: e^3.
+        "TWIN": 3.0,
+    },
+    width=1.5,  # four and a half times more or less is nothing odd: a slope of shares is known no better
+)
+"""Round numbers from what the constants mean."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +124,11 @@ def present() -> dict[str, float]:
     return {k: v for k, v in vars(decide).items() if k.isupper() and isinstance(v, float) and k not in _HELD}
 
 
+def about_present() -> Prior:
+    """About the constants as they are, to within a factor of e."""
+    return Prior(present(), width=1.0)
+
+
 @contextlib.contextmanager
 def with_constants(constants: Constants) -> Iterator[None]:
     """`decide` with these constants; put back at the end."""
@@ -117,16 +154,17 @@ def log_score(judged: Sequence[Row]) -> float:
     return float(np.mean([np.log(max(p, _LEAST)) for p in given]))
 
 
-def fitted(cases: Sequence[Seen], start: Constants | None = None) -> dict[str, float]:
+def fitted(cases: Sequence[Seen], prior: Prior) -> dict[str, float]:
     """The constants that maximise the log score under the prior, then TWIN."""
-    start = present() if start is None else start
+    start = prior.center
     names = [name for name in start if name != _TWIN]
+    center = np.array([start[name] for name in names])
     weigh = [seen for seen in cases if len(seen.blank.target) == 1]
     if not weigh:
         return dict(start)
 
     def constants(z: np.ndarray) -> dict[str, float]:
-        return dict(start) | {name: float(start[name] * np.exp(x)) for name, x in zip(names, z, strict=True)}
+        return dict(start) | dict(zip(names, (center * np.exp(prior.width * z)).tolist(), strict=True))
 
     def cost(z: np.ndarray) -> float:
         return -log_score(rows(weigh, constants(z))) + 0.5 * float(z @ z) / len(weigh)
@@ -138,8 +176,9 @@ def fitted(cases: Sequence[Seen], start: Constants | None = None) -> dict[str, f
         return best
     tried = sorted({start[_TWIN], 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0})
 
-    def worth(width: float) -> float:
-        return _grouped(rows(cases, best | {_TWIN: width})) - 0.5 * np.log(width / start[_TWIN]) ** 2 / len(cases)
+    def worth(twin: float) -> float:
+        z = np.log(twin / start[_TWIN]) / prior.width
+        return _grouped(rows(cases, best | {_TWIN: twin})) - 0.5 * z**2 / len(cases)
 
     return best | {_TWIN: max(tried, key=worth)}
 
@@ -150,7 +189,7 @@ def _grouped(judged: Sequence[Row]) -> float:
     return float(np.mean([r.accepted for r in judged]) - _NEEDLESS * np.mean(needless))
 
 
-def cross_validated(cases: Sequence[Seen], folds: int = _FOLDS) -> list[Row]:
+def cross_validated(cases: Sequence[Seen], prior: Prior, folds: int = _FOLDS) -> list[Row]:
     """Every case judged with constants that were fitted without any of its effects and without their twins.
 
     A fold judges the cases whose first effect is in it, and is fitted without every case that holds any effect of
@@ -162,7 +201,7 @@ def cross_validated(cases: Sequence[Seen], folds: int = _FOLDS) -> list[Row]:
     for fold in range(min(folds, len(firsts))):
         judging = [seen for seen in cases if seen.kinds[0] in firsts[fold::folds]]
         held = {kind for seen in judging for kind in seen.kinds}
-        out += rows(judging, fitted([seen for seen in cases if held.isdisjoint(seen.kinds)]))
+        out += rows(judging, fitted([seen for seen in cases if held.isdisjoint(seen.kinds)], prior))
     return out
 
 
@@ -184,6 +223,15 @@ def figures(judged: Sequence[Row]) -> dict[str, Any]:
     }
 
 
+def compared(cases: Sequence[Seen], folds: int = _FOLDS) -> dict[str, Any]:
+    """Figures with the constants as they are, and cross-validated: from neutral ones, and from those as they are."""
+    return {
+        "now": figures(rows(cases, present())),
+        "cross_validated": figures(cross_validated(cases, NEUTRAL, folds)),
+        "cross_validated_from_now": figures(cross_validated(cases, about_present(), folds)),
+    }
+
+
 def calibrate(study: Path, given_up: bool = False) -> dict[str, Any]:
     """Fit, cross-validate, and write calibrated.json. Raises InputError: not open, or too few diagnoses."""
     cases = read_cases(study, given_up)
@@ -192,11 +240,8 @@ def calibrate(study: Path, given_up: bool = False) -> dict[str, Any]:
     document = {
         "note": "Constants were fitted on these answers: no figure of this study is a blind one any more.",
         "now": present(),
-        "suggested": fitted(cases),
-        "figures": {
-            "now": figures(rows(cases, present())),
-            "cross_validated": figures(cross_validated(cases)),
-        },
+        "suggested": fitted(cases, NEUTRAL),
+        "figures": compared(cases),
         "as_written": figures([judge(seen.blank, seen.document) for seen in cases]),
     }
     write_json(study / CALIBRATED, document)
@@ -230,9 +275,9 @@ def print_calibration(document: Mapping[str, Any]) -> None:
     print(f"{'constant':28} {'now':>9} {'suggested':>9}")
     for name, value in document["now"].items():
         print(f"{name:28} {value:9.4g} {document['suggested'][name]:9.4g}")
-    now, then = document["figures"]["now"], document["figures"]["cross_validated"]
-    print(f"\n{'figure':28} {'now':>9} {'other effects':>13}")
-    for name, value in now.items():
-        shown = ("-" if x is None else f"{x:.4g}" for x in (value, then[name]))
-        print("{:28} {:>9} {:>13}".format(name, *shown))
+    columns = list(document["figures"].values())
+    print(f"\n{'figure':28} {'now':>9} {'other effects':>13} {'from now':>9}")
+    for name in columns[0]:
+        shown = ("-" if column[name] is None else f"{column[name]:.4g}" for column in columns)
+        print("{:28} {:>9} {:>13} {:>9}".format(name, *shown))
     print("\nNothing was changed: the constants are in didim_jax/gap/decide.py.")
