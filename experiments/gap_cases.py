@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass
 from didim_jax import InputError
 from didim_jax.config import CONFIG
 
-from .blind.calibrate import Seen, compared, figures
+from .blind.calibrate import SEARCHED, Seen, compared, figures
 from .blind.judge import blank_row, judge
 from .blind.plan import TWINS
 from .data import gap_folder
@@ -106,6 +106,7 @@ def _cross_validated(out: Path, answers: dict[str, Any], folds: int) -> dict[str
             blank = blank_row(path.parent.name, {"stratum": name, "answer": {"effects": effects}})
             cases.append(Seen.of(blank, json.loads(path.read_text(encoding="utf-8"))))
     return {
+        "note": SEARCHED,
         "as_written": figures([judge(seen.blank, seen.document) for seen in cases]),
         **compared(cases, folds),
     }

@@ -528,4 +528,5 @@ def test_figures_are_printed(capsys):
     calibrate.print_calibration(
         {**document, "figures": dict.fromkeys(("now", "cross_validated", "cross_validated_from_now"), now)}
     )
-    assert "TEMPERATURE" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "TEMPERATURE" in shown and calibrate.SEARCHED in shown

@@ -40,6 +40,7 @@ from .summary import calibration, mean
 CALIBRATED = "calibrated.json"
 
 _HELD = ("RELEVANT", "BESIDE", "PENALTY", "DRIFT")  # steers the search: another value needs other diagnoses
+SEARCHED = f"The constants of the search (hunt, search, score, noise; {', '.join(_HELD)}) are not cross-validated."
 _TWIN = "TWIN"
 _FOLDS = 5
 _EVALUATIONS = 600
@@ -238,7 +239,7 @@ def calibrate(study: Path, given_up: bool = False) -> dict[str, Any]:
     if len(cases) < _FEWEST:
         raise InputError(f"{study}: {len(cases)} usable diagnoses; at least {_FEWEST} are needed to fit anything.")
     document = {
-        "note": "Constants were fitted on these answers: no figure of this study is a blind one any more.",
+        "note": f"Constants were fitted on these answers: no figure of this study is a blind one any more. {SEARCHED}",
         "now": present(),
         "suggested": fitted(cases, NEUTRAL),
         "figures": compared(cases),
@@ -280,4 +281,4 @@ def print_calibration(document: Mapping[str, Any]) -> None:
     for name in columns[0]:
         shown = ("-" if column[name] is None else f"{column[name]:.4g}" for column in columns)
         print("{:28} {:>9} {:>13} {:>9}".format(name, *shown))
-    print("\nNothing was changed: the constants are in didim_jax/gap/decide.py.")
+    print(f"\n{SEARCHED}\nNothing was changed: the constants are in didim_jax/gap/decide.py.")
