@@ -627,6 +627,14 @@ def test_a_bristle_takes_in_what_other_effects_add_to_friction_on_its_own_travel
     assert np.max(np.abs(expected - plain)[q > q[0] + 10 * Z_S]) > 2.0  # it lags: no function of position
 
 
+def test_a_bristle_never_pushes():
+    """Where other effects take away more than Coulomb's friction, nothing grips."""
+    less = signals(v1=0.05, s1=1.0, coulomb1=20.0, level1=20.0, grip1=-26.0, dt=DT)
+    made, rate = Presliding(share=1.0, z_s=Z_S)(jnp.asarray(0.0), jnp.zeros(2), less)
+    assert (float(made.motor), float(made.grip_motor), float(rate[0])) == (0.0, 0.0, 0.0)
+    assert float(Presliding().init(signals(s1=1.0, level1=-3.0, dt=DT))[0]) == 0.0
+
+
 @pytest.mark.parametrize("friction", [CoulombViscous(5.0, 20.0), AsymmetricCoulombViscous(5.0, 20.0, 7.0, 26.0)])
 def test_the_level_of_friction_is_coulomb_s_part_without_its_sign(friction):
     v = jnp.asarray([-0.3, -1e-3, 1e-4, 0.02])

@@ -5,6 +5,7 @@ second order), a force noise that nothing records, and records that begin in mot
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
@@ -12,11 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import threadpoolctl
-from gap_machine import path, record
+from gap_machine import CUT, path, record
 from scipy.signal import butter, sosfiltfilt
 
 from didim_jax.effects import AbstractEffect
+from didim_jax.effects.actuator import Cogging
 from didim_jax.effects.catalogue import CATALOGUE
+from didim_jax.effects.environment import DisturbancePulses, Offset
+from didim_jax.effects.friction import Stribeck
 from didim_jax.gap.diagnose import diagnose
 from didim_jax.gap.diagnosis import Diagnosis
 from didim_jax.report.diagnosis_document import diagnosis_document
@@ -226,6 +230,22 @@ def test_two_records_of_one_machine_are_fitted_together(emps_like, sticky):
     both, one = (x.parameters["stribeck"]["vs"]["std"] for x in (d, sticky))
     assert 0.3 * one < both < one
     assert [run.name for run in d.runs][-1] == "machine, seed 11"
+
+
+def test_each_record_has_a_clock_of_its_own(emps_like):
+    """One push of 21 N for 0.2 s, at another instant in every record; half of each record cannot show it."""
+
+    def pushed(at: float) -> Callable[[float], float]:
+        sample = itertools.count()
+        return lambda volts: volts + 0.6 * (at <= 1e-3 * (next(sample) - CUT) < at + 0.2)
+
+    fits = [record(emps_like, path(k), seed=10 + k, drives=pushed(at)) for k, at in ((0, 1.0), (2, 1.55))]
+    d = diagnose(fits, emps_like, [DisturbancePulses, Offset, Cogging, Stribeck])
+    assert (d.verdict, d.effects, d.block) == ("effect", ("disturbance_pulses",), "environment")
+    assert d.gap["fit"].after < 1.2 * d.gap["fit"].floor
+    assert d.parameters["disturbance_pulses"]["t0"]["value"] == pytest.approx(1.0, abs=0.02)
+    assert abs(d.parameters["disturbance_pulses"]["A"]["value"]) == pytest.approx(0.6 * emps_like.drive.gain, rel=0.1)
+    assert any("one half of the record only" in remark for remark in d.remarks)
 
 
 def test_without_a_check_record_the_fit_is_what_is_judged(emps_like, sticky):

@@ -175,6 +175,15 @@ def test_record_and_machine_must_agree(clean_run, emps_like, change, line):
     assert line in _refusal(_with(clean_run, **change), emps_like)
 
 
+def test_a_load_that_moves_against_the_motor_is_no_rigid_drive(clean_run, emps_like):
+    twist = 4e-6 * np.sin(20 * clean_run.t)
+    both = _with(clean_run, ql=clean_run.qm + 3e-3 + twist)  # zeros apart
+    (line,) = _reported(both, emps_like, "agreement")
+    assert "2.84 um rms" in line and 'model = "flexible"' in line
+    assert not _reported(both, dataclasses.replace(emps_like, model="flexible"), "agreement")
+    assert not _reported(_with(clean_run, ql=clean_run.qm + 3e-3), emps_like, "agreement")
+
+
 def test_agreement_is_to_a_thousandth(clean_run, emps_like):
     admit(_with(clean_run, gain=35.15 * 1.0009, documented={"kp": 160.18 * 0.9991}), emps_like)
 

@@ -96,6 +96,15 @@ def test_an_excluded_effect_is_not_taken(emps_like):
     assert "velocity_gain" not in found.best(exclude=["velocity_gain"]).effects
 
 
+def test_what_is_left_out_of_the_catalogue_explains_nothing(emps_like):
+    """Its residual stays, and is no noise."""
+    run = _run(emps_like, velocity=0.02)
+    whole, without = examine_law(run, emps_like), examine_law(run, emps_like, exclude=["velocity_gain"])
+    assert all("velocity_gain" not in e.effects for e in without.explanations)
+    assert without.significant and without.rms == whole.rms
+    assert whole.best().share > 1 - 1e-9 > without.best().share
+
+
 def test_a_filter_of_another_law_is_told_by_its_taps(emps_like):
     run = _run(emps_like)
     c = emps_like.controller

@@ -10,7 +10,7 @@ from .fit import Fit, Problem
 from .noise import Whitening
 from .prepared import Prepared
 
-_CLOCK = 0.95
+CLOCK = 0.95
 """Seconds by which the clocks of two runs may differ: a record begins up to 0.9 s after its machine's own run."""
 
 
@@ -52,7 +52,7 @@ def _clock(problem: Problem, x: np.ndarray, name: str, start: Sequence[int]) -> 
     """x with one instant moved to where this record has it."""
     model = problem.records[0].model
     at = model.decode(x)[name]
-    trials = [model.encode(x, {name: at + shift}) for shift in np.linspace(-_CLOCK, _CLOCK, 64)]
+    trials = [model.encode(x, {name: at + shift}) for shift in np.linspace(-CLOCK, CLOCK, 64)]
     best = min(zip(_costs(problem, trials), range(len(trials)), strict=True))[1]
     fit = problem.solve(trials[best], [*start, model.index[name]], evaluations=12)
     return fit.xs[0]

@@ -62,8 +62,8 @@ class Prior:
 
 NEUTRAL = Prior(
     {
-        # Something else is as likely as not where a tenth is left, of what was to explain or should be noise.
-        "LEFT": 0.1,
+        # Something else is as likely as not where a tenth is left, or a tenth of that is not noise.
+        "LEFT": 0.01,
         "STRUCTURED": 0.1,
         "ODD": 0.1,
         # A tenth of a share more or less turns the odds by e, twice a quantity by eight: hardly a threshold.
