@@ -162,7 +162,8 @@ def identify(
 def diagnose(
     records: Positional[tuple[Path, ...]] = (),
     /,
-    out: Path = Path("diagnosis"),
+    *,
+    out: Path,
     machine: Path | None = None,
     check: Path | None = None,
     cases: Path | None = None,

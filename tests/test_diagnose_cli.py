@@ -148,17 +148,22 @@ def empty(desk: Desk) -> str:
 FIT = ("fit.mat", "--machine", "machine.toml", "--out", "out")
 
 BAD: dict[str, tuple[Callable[[Desk], tuple[str, ...]], tuple[str, ...]]] = {
-    "nothing at all": (lambda d: (), ("record", "--machine", "--cases")),
-    "no record": (lambda d: ("--machine", "machine.toml"), ("record", "--cases")),
+    "nothing at all": (lambda d: (), ("--out",)),
+    "no folder": (lambda d: FIT[:-2], ("--out",)),
+    "no record and no cases": (lambda d: ("--out", "out"), ("record", "--machine", "--cases")),
+    "no record": (lambda d: ("--machine", "machine.toml", "--out", "out"), ("record", "--cases")),
     "no machine": (lambda d: ("fit.mat", "--out", "out"), ("--machine",)),
     "unknown option": (lambda d: (*FIT, "--excluded", "offset"), ("--excluded",)),
     "unknown effect": (lambda d: (*FIT, "--exclude", "ofset"), ("--exclude ofset", "no such effect", "offset")),
-    "cases and a record": (lambda d: ("fit.mat", "--cases", "cases"), ("--cases", "no others")),
+    "cases and a record": (lambda d: ("fit.mat", "--cases", "cases", "--out", "out"), ("--cases", "no others")),
     "no folder of cases": (lambda d: ("--cases", "nowhere", "--out", "out"), ("nowhere", "no such folder")),
     "folder without a case": (lambda d: ("--cases", empty(d), "--out", "out"), ("nothing", "no case", "fit.mat")),
     "missing record": (lambda d: ("nowhere.mat", *FIT[1:]), ("nowhere.mat", "no such file")),
     "missing second record": (lambda d: ("fit.mat", "nowhere.mat", *FIT[1:]), ("nowhere.mat", "no such file")),
-    "missing machine": (lambda d: ("fit.mat", "--machine", "nowhere.toml"), ("nowhere.toml", "no such file")),
+    "missing machine": (
+        lambda d: ("fit.mat", "--machine", "nowhere.toml", "--out", "out"),
+        ("nowhere.toml", "no such file"),
+    ),
     "missing check": (lambda d: (*FIT, "--check", "nowhere.mat"), ("nowhere.mat", "no such file")),
     "check without a reference": (
         lambda d: (*FIT, "--check", spoilt(d, qg=None)),
