@@ -4,6 +4,7 @@ A user's mistake ends in one line on standard error and exit status 2. Heavy mod
 needs them.
 """
 
+import difflib
 import functools
 import io
 import re
@@ -187,7 +188,9 @@ def diagnose(
     catalogue = CATALOGUE + (() if effects is None else load(effects))
     known = {effect.label() for effect in catalogue}
     if unknown := sorted(set(exclude) - known):
-        raise InputError(f"--exclude {unknown[0]}: no such effect; known are {', '.join(sorted(known))}.")
+        near = difflib.get_close_matches(unknown[0], known)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(known))}."
+        raise InputError(f"--exclude {unknown[0]}: no such effect; {hint}")
     if cases is not None:
         if records or machine or check:
             raise InputError("--cases takes its records and machines from its folders: give no others.")

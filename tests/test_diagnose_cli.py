@@ -154,7 +154,14 @@ BAD: dict[str, tuple[Callable[[Desk], tuple[str, ...]], tuple[str, ...]]] = {
     "no record": (lambda d: ("--machine", "machine.toml", "--out", "out"), ("record", "--cases")),
     "no machine": (lambda d: ("fit.mat", "--out", "out"), ("--machine",)),
     "unknown option": (lambda d: (*FIT, "--excluded", "offset"), ("--excluded",)),
-    "unknown effect": (lambda d: (*FIT, "--exclude", "ofset"), ("--exclude ofset", "no such effect", "offset")),
+    "misspelt effect": (
+        lambda d: (*FIT, "--exclude", "ofset"),
+        ("--exclude ofset", "no such effect", "did you mean offset?"),
+    ),
+    "unknown effect": (
+        lambda d: (*FIT, "--exclude", "bogus"),
+        ("--exclude bogus", "no such effect", "known are", "cogging, local_friction, offset"),
+    ),
     "cases and a record": (lambda d: ("fit.mat", "--cases", "cases", "--out", "out"), ("--cases", "no others")),
     "no folder of cases": (lambda d: ("--cases", "nowhere", "--out", "out"), ("nowhere", "no such folder")),
     "folder without a case": (lambda d: ("--cases", empty(d), "--out", "out"), ("nothing", "no case", "fit.mat")),
