@@ -42,7 +42,8 @@ def main() -> None:
 def program() -> Iterator[None]:
     """What every program of the project does around its work: float64, and one line for a user's mistake.
 
-    An interrupted one ends without a word and with the shell's status for it, 130.
+    An interrupted one ends without a word and with the shell's status for it, 130; so does one whose output nobody
+    reads any more, with 141.
     """
     asked: list[int] = []
 
@@ -53,16 +54,30 @@ def program() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, stop)
     try:
         prepare_jax()
-        yield
+        try:
+            yield
+        finally:
+            sys.stdout.flush()  # here, where a reader that has left is noticed, and not while Python ends
     except InputError as error:
         print(f"didim: {error}", file=sys.stderr)
         sys.exit(2)
     except BaseException as error:
         if asked or isinstance(error, KeyboardInterrupt):  # a compiler that is interrupted raises something of its own
             sys.exit(130)
+        met = error.__context__ if isinstance(error, SystemExit) else error  # rich exits where it meets one
+        if isinstance(met, BrokenPipeError):
+            _discard_output()
+            sys.exit(141)
         raise
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _discard_output() -> None:
+    """What is still to be written goes nowhere, or Python would complain of the pipe once more when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
 
 
 def _parsed(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:

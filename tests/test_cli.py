@@ -617,3 +617,23 @@ def test_an_interrupted_program_ends_without_a_word(desk, outside):
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, "") and "Traceback" not in err
     assert desk.files() == before
+
+
+PRINTING = {
+    "effects": ("-m", "didim_jax", "effects"),
+    "help": ("-m", "didim_jax", "--help"),
+    "rich": ("-c", "from didim_jax.cli import program\nimport rich\nwith program():\n    rich.print('x')"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="a pipe as a shell makes it")
+@pytest.mark.parametrize("arguments", PRINTING.values(), ids=PRINTING)
+def test_a_program_whose_reader_has_left_ends_without_a_word(outside, arguments):
+    read, written = os.pipe()
+    os.close(read)
+    with open(written, "wb") as pipe:
+        run = subprocess.run(
+            [sys.executable, *arguments], env=outside, stdout=pipe, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (run.returncode, run.stderr) == (141, "")
