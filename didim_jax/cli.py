@@ -219,7 +219,14 @@ def diagnose(
     check_folder(out)
     case = Case(records[0].stem, tuple(records), check, machine)
     with _progress() as (_, say):
-        found = diagnose_case(case, catalogue, out, exclude=exclude, threads=cores(), say=say)
+        ahead = iter(() if check else ("no --check record: nothing will be judged on another trajectory",))
+
+        def tell(text: str) -> None:
+            for first in ahead:  # not before the files are found usable: a refusal is one line
+                say(first)
+            say(text)
+
+        found = diagnose_case(case, catalogue, out, exclude=exclude, threads=cores(), say=tell)
     write_diagnosis(found, out)
     print_diagnosis(found, out)
 

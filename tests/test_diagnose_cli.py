@@ -341,6 +341,18 @@ def test_a_check_record_that_lacks_a_channel_is_refused_before_the_search(desk, 
     assert desk.files() == before
 
 
+@pytest.mark.parametrize("check", [(), ("--check", "check.mat")], ids=["without", "with"])
+def test_that_nothing_will_be_judged_elsewhere_is_said_before_anything_else(desk, monkeypatch, check):
+    def begun(*_, say, **__):
+        say("begun")
+        raise InputError("begun is enough")
+
+    monkeypatch.setattr("didim_jax.gap.cases.diagnose_case", begun)
+    _, _, err = desk.diagnose(*FIT, *check)
+    warned = [] if check else ["no --check record: nothing will be judged on another trajectory"]
+    assert err.splitlines()[:-1] == [*warned, "begun"]
+
+
 @pytest.mark.slow
 def test_a_second_run_without_a_check_leaves_no_prediction_of_the_first(desk):
     desk.write("out/prediction.json", "{}")

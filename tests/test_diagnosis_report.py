@@ -250,12 +250,14 @@ def test_no_gap_says_what_could_not_be_seen(diagnoses):
     assert far.head == "Nothing to close" and " after" not in far.text
 
 
-def test_without_a_check_record_the_reader_is_warned(diagnosis):
+def test_without_a_check_record_the_reader_is_warned_first_and_once(diagnosis, tmp_path):
     d = _unchecked(diagnosis)
     assert "on the fit record" in headline(d) and "check record" not in headline(d)
-    text = _text(_page(d))
-    assert "There was no check record" in text
-    assert "The check record chose nothing" not in text
+    for text in (_text(_page(d)), _terminal(d, tmp_path)):
+        assert text.count("No check record") == 1
+        assert text.index("No check record") < text.index(headline(d))
+        assert "The check record chose nothing" not in text
+    assert "No check record" not in _text(_page(diagnosis)) + _terminal(diagnosis, tmp_path)
 
 
 def test_what_is_not_repeated_is_judged_on_the_fit_record(diagnoses):

@@ -16,7 +16,7 @@ from .atlas import atlas_figure
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named
 from .diagnosis_summary import shown_ranking, summary_figure, twins
-from .diagnosis_words import answers, estimate, headline, ranges
+from .diagnosis_words import UNCHECKED, answers, estimate, headline, ranges
 from .page import _minus, versions
 from .tables import NO_NUMBER, decimals, percent, rounded
 from .words import role
@@ -49,6 +49,7 @@ def render_diagnosis(d: Diagnosis, figures: Mapping[str, bytes]) -> str:
     return _template().render(
         d=d,
         badge=BADGES[d.verdict],
+        unchecked="" if "check" in d.gap else UNCHECKED,
         headline=headline(d),
         answers=answers(d),
         records={name: run.name for name, run in named_runs(d).items()},

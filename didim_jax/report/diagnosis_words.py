@@ -10,6 +10,9 @@ from .tables import decimals, percent, rounded, significant
 _SEEN_CHANGE = 0.03
 """A gap that changes by less than this, relative, is said to stay."""
 
+UNCHECKED = "No check record: all numbers are from the record that was fitted, which flatters what was found."
+"""Said first where it is so, on the page and in the terminal."""
+
 _WORTH_NAMING = 0.1
 """Share of the gap's energy that a variable must close to be named."""
 
@@ -230,9 +233,7 @@ def _shares(d: Diagnosis) -> str:
 def _how_far(d: Diagnosis) -> tuple[str, str]:
     name = judged_on(d)
     text = " ".join(_record(record, d.gap[record], bool(d.effects)) for record in reversed(d.gap))
-    if "check" not in d.gap:
-        text += " There was no check record: the gap is judged on the record that chose the effect, which flatters it."
-    elif name == "fit":
+    if "check" in d.gap and name == "fit":
         text += " What was found is not repeated on the check record, so the gap closed is judged on the fit record."
     if not d.effects:
         return ("Nothing to close" if d.verdict == "none" else "Not at all"), text

@@ -16,7 +16,7 @@ from ..gap.diagnosis import Diagnosis
 from .canvas import png
 from .diagnosis_document import diagnosis_document
 from .diagnosis_page import BADGES, draw_diagnosis, named_runs, render_diagnosis
-from .diagnosis_words import answers, headline
+from .diagnosis_words import UNCHECKED, answers, headline
 
 _FILES = ("simulation.npz", "report.html", "diagnosis.json")
 
@@ -63,6 +63,8 @@ def print_diagnosis(d: Diagnosis, folder: Path, console: Console | None = None) 
     console = console or Console()
     if d.synthetic:
         console.print(Text("SYNTHETIC data: simulated, not measured on a machine.", style="bold yellow"))
+    if "check" not in d.gap:
+        console.print(Text(UNCHECKED, style="bold yellow"))
     style = {"none": "bold green", "effect": "bold blue"}.get(d.verdict, "bold yellow")
     # Text, not str: a name out of a file is no markup.
     console.print(Text.assemble((f"{BADGES[d.verdict].upper()}  ", style), (headline(d), "bold")))
