@@ -21,6 +21,7 @@ from didim_jax.report.canvas import png
 from didim_jax.report.diagnosis_document import diagnosis_document
 from didim_jax.report.diagnosis_force import worst_stretches
 from didim_jax.report.diagnosis_names import chance, listed, named
+from didim_jax.report.diagnosis_noise import maps
 from didim_jax.report.diagnosis_page import draw_diagnosis, named_runs, render_diagnosis
 from didim_jax.report.diagnosis_summary import shown_ranking, summary_figure
 from didim_jax.report.diagnosis_words import answers, headline
@@ -186,14 +187,14 @@ def _terminal(d, tmp_path):
 def test_the_page_opens_with_the_verdict(diagnoses):
     said = {
         "effect": "Missing in the simulation: Stribeck friction. Once added, the gap on the check record falls from "
-        "3.90 % to 1.28 % of the motor force; noise alone leaves 1.20 %.",
+        "3.90 % to 1.28 % of the motor force; noise alone leaves an estimated 1.20 %.",
         "none": "Nothing is missing that these data could show. The simulation leaves 1.21 % of the motor force on the "
-        "check record; noise alone would leave 1.20 %.",
+        "check record; noise alone would leave an estimated 1.20 %.",
         "ambiguous": "Missing in the simulation: constant force or asymmetric Coulomb friction (these data cannot tell "
         "which), and cogging. With the likelier one and cogging, the gap on the check record falls from 3.90 % to "
-        "1.28 % of the motor force; noise alone leaves 1.20 %.",
+        "1.28 % of the motor force; noise alone leaves an estimated 1.20 %.",
         "unexplained": "No effect of the catalogue accounts for the gap: 3.90 % of the motor force on the check "
-        "record, where noise alone would leave 1.20 %.",
+        "record, where noise alone would leave an estimated 1.20 %.",
     }
     for verdict, d in diagnoses.items():
         assert headline(d) == said[verdict]
@@ -218,7 +219,7 @@ def test_the_answers_of_a_named_effect(diagnoses):
         "dFs = 8.73 ± 0.27 N, vs = 0.0201 ± 0.0006 m/s. Next likeliest: something else (5 %) and quadratic viscous "
         "friction (2 %)."
     )
-    assert "Check record: 3.90 % before, 1.28 % after, 1.20 % is noise; 1.25 % was predicted." in far.text
+    assert "Check record: 3.90 % before, 1.28 % after, an estimated 1.20 % is noise; 1.25 % was predicted." in far.text
 
 
 def test_twins_come_with_what_would_part_them(diagnoses):
@@ -338,6 +339,18 @@ def test_without_an_atlas_the_page_is_made_all_the_same(diagnosis):
     assert "The residual was not mapped." in _text(_page(d))
     assert "atlas" not in draw_diagnosis(d)
     assert all(answer.text for answer in answers(d)[1:])
+
+
+def test_noise_is_one_number_and_an_estimate(effect):
+    """The maps have a floor of their own; on the page they count with the gap's, in newtons."""
+    force = effect.atlas.rms / effect.gap["fit"].before
+    before, after = maps(effect)
+    assert before.floor_rms == pytest.approx(force * effect.gap["fit"].floor, rel=1e-12)
+    assert after.floor_rms == pytest.approx(effect.atlas_after.rms / 0.0130 * 0.0124, rel=1e-12)
+    noise = f"about {before.floor_rms:.2g} N of that looks like noise"
+    assert noise in answers(effect)[0].text and noise not in effect.atlas.words()
+    text = _text(_page(effect))
+    assert "noise (estimated)" in text and "may come out below it" in text
 
 
 def test_several_records_each_have_their_picture(effect):

@@ -44,7 +44,7 @@ def atlas_figure(before: Atlas, after: Atlas | None = None) -> Figure:
         strip.spines[["top", "right"]].set_visible(False)
         strip.tick_params(labelsize=8.5, color="#8a939b", labelcolor=INK, length=3)
         columns = [(before, axes[0, 0], axes[0, 1], strip)]
-        heads = [f"{before.rms:.2g} N rms, of which {before.floor_rms:.2g} N look like noise"]
+        heads = [f"{before.rms:.2g} N rms, of which an estimated {before.floor_rms:.2g} N are noise"]
     else:
         figure, axes = canvas(
             9.6,
@@ -57,7 +57,10 @@ def atlas_figure(before: Atlas, after: Atlas | None = None) -> Figure:
             wspace=0.08,
         )
         columns = [(before, *axes[:, 0]), (after, *axes[:, 1])]
-        heads = [f"before: {before.rms:.2g} N rms", f"after: {after.rms:.2g} N rms, noise {after.floor_rms:.2g} N"]
+        heads = [
+            f"before: {before.rms:.2g} N rms",
+            f"after: {after.rms:.2g} N rms, noise (estimated) {after.floor_rms:.2g} N",
+        ]
     longest = max((a[name].share * _scale(a, before) for a, *_ in columns for name in names), default=0.0)
     loudest = max(float(a.table.max()) * _scale(a, before) for a, *_ in columns)
     highest = max(float(_strength(a).max()) for a, *_ in columns)
@@ -151,7 +154,7 @@ def _strip(ax: Axes, one: Atlas, limit: float) -> None:
         moved = (one.reference - one.reference.min()) / stroke
         ax.plot(t, limit * (0.05 + 0.9 * moved), color=FAINT, linewidth=1.2, zorder=1, label="reference")
     ax.fill_between(t, _strength(one), color=RESIDUAL, alpha=0.85, linewidth=0, zorder=2)
-    ax.axhline(one.floor_rms, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), zorder=3, label="looks like noise")
+    ax.axhline(one.floor_rms, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), zorder=3, label="noise (estimated)")
     for end, following in itertools.pairwise(one.passes):
         if end.span and following.span:
             ax.axvline(end.span[1], color="#8a939b", linewidth=0.6, linestyle=":", zorder=1)

@@ -15,6 +15,7 @@ from ..gap.diagnosis import Diagnosis, Run
 from .atlas import atlas_figure
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named
+from .diagnosis_noise import maps
 from .diagnosis_summary import shown_ranking, summary_figure, twins
 from .diagnosis_words import UNCHECKED, answers, estimate, headline, ranges
 from .page import _minus, versions
@@ -35,8 +36,9 @@ BADGES = {
 def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     """summary, atlas, and force_fit, force_fit_2, ..., force_check."""
     figures = {"summary": summary_figure(d)}
-    if d.atlas is not None:
-        figures["atlas"] = atlas_figure(d.atlas, d.atlas_after if d.effects else None)
+    before, after = maps(d)
+    if before is not None:
+        figures["atlas"] = atlas_figure(before, after)
     for name, run in named_runs(d).items():
         own = f" {run.name}" if run.name != name else ""
         title = f"{role(name)} record{own}{' — SYNTHETIC' if d.synthetic else ''}"

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from ..gap.atlas import Atlas
 from ..gap.diagnosis import Diagnosis
 from .canvas import INK, RESIDUAL, SIMULATED, label, title
+from .diagnosis_noise import maps
 from .diagnosis_words import leading
 
 _BINS = 48
@@ -33,7 +34,7 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
 
     Where the gap is bound to moments or frequencies, or there is no atlas, its course over time is drawn instead.
     """
-    before, after = d.atlas, d.atlas_after if d.effects else None
+    before, after = maps(d)
     if before is None:
         ax.text(0.5, 0.5, "the residual was not mapped", transform=ax.transAxes, ha="center", color=INK, fontsize=9)
         return
@@ -54,7 +55,7 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
         title(ax, "over time")
         label(ax, x="time, s", y="residual, N rms over 0.1 s")
         noise = (after or before).floor_rms
-        ax.axhline(noise, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="noise", zorder=4)
+        ax.axhline(noise, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="noise (estimated)", zorder=4)
         ax.set_ylim(bottom=0)
     else:
         ax.axhline(0, color="black", linewidth=0.6, zorder=1)

@@ -5,6 +5,7 @@ import dataclasses
 from ..gap.atlas import Atlas, Variable
 from ..gap.diagnosis import Diagnosis, Gap
 from .diagnosis_names import capital, chance, listed, named, place
+from .diagnosis_noise import maps
 from .tables import decimals, percent, rounded, significant
 
 _SEEN_CHANGE = 0.03
@@ -35,17 +36,17 @@ def headline(d: Diagnosis) -> str:
         case "none":
             return (
                 f"Nothing is missing that these data could show. The simulation leaves {percent(gap.before)} of the "
-                f"motor force {on}; noise alone would leave {percent(gap.floor)}."
+                f"motor force {on}; noise alone would leave an estimated {percent(gap.floor)}."
             )
         case "unexplained" if d.effects:
             return (
                 f"With {_all(d)}, the gap {on} {_moves(gap)} of the motor force, but what is left follows no effect of "
-                f"the catalogue; noise alone leaves {percent(gap.floor)}."
+                f"the catalogue; noise alone leaves an estimated {percent(gap.floor)}."
             )
         case "unexplained":
             return (
                 f"No effect of the catalogue accounts for the gap: {percent(gap.before)} of the motor force {on}, "
-                f"where noise alone would leave {percent(gap.floor)}."
+                f"where noise alone would leave an estimated {percent(gap.floor)}."
             )
         case "ambiguous":
             group, _ = _groups(d)
@@ -60,7 +61,7 @@ def headline(d: Diagnosis) -> str:
             said, added = _all(d), "Once added"
     return (
         f"Missing in the simulation: {said}. {added}, the gap {on} {_moves(gap)} of the motor force; "
-        f"noise alone leaves {percent(gap.floor)}."
+        f"noise alone leaves an estimated {percent(gap.floor)}."
     )
 
 
@@ -86,7 +87,8 @@ def _where(d: Diagnosis) -> tuple[str, str]:
     if d.verdict == "none":
         return "Nowhere in particular", _looked_at(d)
     if d.verdict == "unexplained":
-        left = (d.atlas_after if d.effects else d.atlas) or d.atlas
+        before, after = maps(d)
+        left = after or before
         with_it = f"With {_all(d)} in place: " if d.effects else ""
         if left is None:
             return "Not known", "The residual was not mapped."
@@ -120,7 +122,8 @@ def leading(one: Atlas) -> Variable | None:
 
 
 def _looked_at(d: Diagnosis) -> str:
-    return d.atlas.words() if d.atlas is not None else ""
+    before, _ = maps(d)
+    return before.words() if before is not None else ""
 
 
 def ranges(d: Diagnosis) -> str:
@@ -248,7 +251,7 @@ def _how_far(d: Diagnosis) -> tuple[str, str]:
 def _record(name: str, gap: Gap, changed: bool) -> str:
     said = f"{capital(name)} record: {percent(gap.before)}"
     said += f" before, {percent(gap.after)} after" if changed else ""
-    said += f", {percent(gap.floor)} is noise"
+    said += f", an estimated {percent(gap.floor)} is noise"
     return f"{said}; {percent(gap.predicted_after)} was predicted." if gap.predicted_after is not None else f"{said}."
 
 
