@@ -18,6 +18,9 @@ _HEAT = LinearSegmentedColormap.from_list("heat", ["#ffffff", "#fbe3cf", "#f0a56
 _MARKED = "#f3e9c6"
 _WINDOW_S = 0.1
 
+_WORTH_EXPLAINING = 0.02
+"""Share of the energy before that must be left above the noise; with less there is nothing to explain."""
+
 
 def atlas_figure(before: Atlas, after: Atlas | None = None) -> Figure:
     """Shares by variable, energy by band and phase of motion, residual over time; with `after`, the two side by side.
@@ -114,6 +117,8 @@ def _bars(ax: Axes, one: Atlas, names: list[str], scale: float, limit: float) ->
     ax.barh(
         y, last_in, height=0.66, color=SIMULATED, hatch="////", edgecolor="white", linewidth=0, label="by nothing else"
     )
+    if shares.max() < 1:
+        _empty(ax, one, scale, "no single variable closes 1 %")
     for k, share in enumerate(shares):
         if share >= 1:
             ax.text(share + 0.01 * limit, k, f"{share:.0f}", va="center", fontsize=8, color=INK)
@@ -129,6 +134,8 @@ def _heat(ax: Axes, one: Atlas, scale: float, loudest: float) -> None:
     kept = [k for k, phase in enumerate(one.phases) if phase.size > 0.005]
     table = scale * one.table[:, kept]
     ax.pcolormesh(table, cmap=_HEAT, vmin=0, vmax=loudest, edgecolors="#eceff1", linewidth=0.8)
+    if table.max(initial=0.0) < 0.005:
+        _empty(ax, one, scale, "less than 0.5 % everywhere")
     for (i, j), share in np.ndenumerate(table):
         if share >= 0.005:
             colour = "white" if share > 0.55 * loudest else INK
@@ -141,6 +148,12 @@ def _heat(ax: Axes, one: Atlas, scale: float, loudest: float) -> None:
     ax.tick_params(length=0, labelsize=8)
     ax.grid(visible=False)
     ax.spines[["left", "bottom"]].set_visible(False)
+
+
+def _empty(ax: Axes, one: Atlas, scale: float, otherwise: str) -> None:
+    """A panel without a number in it says why; what is `otherwise` said leaves something above the noise."""
+    said = "nothing left to explain" if scale * one.explainable < _WORTH_EXPLAINING else otherwise
+    ax.text(0.5, 0.5, said, transform=ax.transAxes, ha="center", va="center", fontsize=9, color=INK)
 
 
 def _strip(ax: Axes, one: Atlas, limit: float) -> None:
