@@ -17,9 +17,10 @@ import didim_jax.report.write_diagnosis as write
 from didim_jax.errors import InputError
 from didim_jax.gap.atlas import atlas
 from didim_jax.gap.diagnosis import Candidate, Diagnosis, Estimate, Experiment, Gap, Run, Shift, Where
+from didim_jax.report.atlas import atlas_figure
 from didim_jax.report.canvas import png
 from didim_jax.report.diagnosis_document import diagnosis_document
-from didim_jax.report.diagnosis_force import worst_stretches
+from didim_jax.report.diagnosis_force import run_figure, worst_stretches
 from didim_jax.report.diagnosis_names import chance, listed, named
 from didim_jax.report.diagnosis_noise import maps
 from didim_jax.report.diagnosis_page import draw_diagnosis, named_runs, render_diagnosis
@@ -307,6 +308,28 @@ def test_zooms_show_where_it_was_worst_and_where_it_still_is():
     assert [min(bump, key=lambda c: abs(c - t[s].mean())) for s in found] == [1.0, 3.0, 6.5]
     assert all(a.stop <= b.start for a, b in itertools.pairwise(found))
     assert worst_stretches(t[:300], t[:300], t[:300]) == [slice(0, 300)]  # shorter than a zoom
+
+
+def test_a_short_peak_does_not_flatten_the_overview(effect):
+    """A start's transient of 20 ms, forty times the residual."""
+    run = effect.runs[1]
+    peak = 400.0 * np.exp(-((run.t / 0.01) ** 2))
+    for tau, high in ((run.tau, False), (run.tau + peak, True)):
+        whole = run_figure(dataclasses.replace(run, tau=tau), "check", None, True).axes[0]
+        said = [text.get_text() for text in whole.texts if "cut off" in text.get_text()]
+        assert whole.get_ylim()[1] < 40.0
+        assert bool(said) == high
+        assert not high or re.fullmatch(r"cut off: \d+ N at 0\.0\d s", said[0])
+
+
+def test_an_empty_panel_of_the_map_says_why(effect):
+    """Nothing goes with noise; what comes in a few moments goes with no variable, but is there."""
+    before, after = maps(effect)
+    said = {text.get_text() for ax in atlas_figure(before, after).axes for text in ax.texts}
+    assert "nothing left to explain" in said
+    one = dataclasses.replace(after, floor_rms=0.1 * after.rms)
+    said = {text.get_text() for ax in atlas_figure(one).axes for text in ax.texts}
+    assert "no single variable closes 1 %" in said and "nothing left to explain" not in said
 
 
 # -- the page stands alone ---------------------------------------------------------------------------------------

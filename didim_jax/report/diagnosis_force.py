@@ -8,10 +8,13 @@ from matplotlib.figure import Figure
 from ..gap.diagnosis import Gap, Run
 from ..identify.study import ERROR_HZ
 from ..signals import LowPass
-from .canvas import MEASURED, RESIDUAL, SIMULATED, canvas, envelope, label, title
-from .tables import percent
+from .canvas import INK, MEASURED, RESIDUAL, SIMULATED, canvas, envelope, label, title
+from .tables import percent, significant
 
 ZOOM_SECONDS = 0.8
+_USUAL, _PEAK = 0.998, 2.0
+"""That quantile of a residual has room in the overview; what is higher as well, up to so many times as much."""
+
 _BINS = 700  # about the pixels across the wide column
 _WINDOW = "#f3e9c6"
 
@@ -50,7 +53,7 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
             fontsize=8.5,
         )
     _frame(whole, run.t, "residual, N")
-    whole.set_ylim(*_limits([r for r, *_ in curves]))
+    _fit_height(whole, run.t, [r for r, *_ in curves])
     gaps = "" if gap is None else f": gap {percent(gap.before)}" + (f" before, {percent(gap.after)} after" * changed)
     title(whole, f"{name}{gaps}, residual below {ERROR_HZ:g} Hz", fontweight="bold")
     whole.plot([], [], color=MEASURED, linewidth=2.6, label="recorded")  # for the zooms
@@ -102,6 +105,19 @@ def _limits(rows: list[np.ndarray]) -> tuple[float, float]:
     """Symmetric, room for all that is finite."""
     size = max((float(np.abs(r[np.isfinite(r)]).max(initial=0.0)) for r in rows), default=0.0)
     return (-1.1 * size, 1.1 * size) if size > 0 else (-1.0, 1.0)
+
+
+def _fit_height(ax: Axes, t: np.ndarray, rows: list[np.ndarray]) -> None:
+    """Room for all but a short peak, such as a start's: that one is cut off, or nothing else could be seen."""
+    size = np.nan_to_num(np.max(np.abs(rows), axis=0), posinf=0.0)
+    usual, highest = float(np.quantile(size, _USUAL)), int(np.argmax(size))
+    if not size[highest] > _PEAK * usual > 0:
+        ax.set_ylim(*_limits(rows))
+        return
+    ax.set_ylim(-1.1 * usual, 1.1 * usual)
+    said = f"cut off: {significant(float(size[highest]), 2)} N at {t[highest]:.2f} s"
+    patch = {"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.0}
+    ax.text(0.997, 0.03, said, transform=ax.transAxes, ha="right", va="bottom", fontsize=7.5, color=INK, bbox=patch)
 
 
 def worst_stretches(t: np.ndarray, before: np.ndarray, after: np.ndarray, seconds: float = ZOOM_SECONDS) -> list[slice]:
