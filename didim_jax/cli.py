@@ -8,6 +8,7 @@ import difflib
 import functools
 import io
 import re
+import shutil
 import signal
 import sys
 import textwrap
@@ -285,35 +286,36 @@ def effects(file: Path | None = None) -> None:
     Args:
         file: Python file with effects of your own, listed after those of the catalogue.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from .effects.catalogue import CATALOGUE, load
+    from .symbols import COMMON
 
-    headings = ("name", "block", "equation", "size", "twins", "source")
-    rows = [
-        (effect.label(), effect.block.value, effect.equation, effect.size, ", ".join(effect.twins), effect.source)
-        for effect in (*CATALOGUE, *(load(file) if file else ()))
-    ]
-    console = Console()
-    # Text, not str: an equation is no markup.
-    if console.is_terminal:  # two entries to a cell, which folds: nothing is cut off on a narrow screen
-        table = Table(box=box.SIMPLE_HEAD, show_lines=True)
-        for k in (0, 2, 4):
-            table.add_column(f"{headings[k]}, {headings[k + 1]}", no_wrap=k == 0, overflow="fold")
-        for row in rows:
-            table.add_row(*(Text("\n").join(Text(cell) for cell in row[k : k + 2] if cell) for k in (0, 2, 4)))
-        console.print(table)
-    else:  # one line for each effect, however long
-        table = Table(*headings, box=None, pad_edge=False)
-        for row in rows:
-            table.add_row(*(Text(cell) for cell in row))
-        plain = Console(file=io.StringIO(), width=10_000)
-        with plain.capture() as text:
-            plain.print(table)
-        print("\n".join(line.rstrip() for line in text.get().splitlines()))
+    width = min(shutil.get_terminal_size((_COLUMNS, 24)).columns, _COLUMNS)
+    for effect in (*CATALOGUE, *(load(file) if file else ())):
+        print(_described(effect, width), end="\n\n")
+    print(textwrap.fill(COMMON, width))
+
+
+_COLUMNS = 100
+
+
+def _described(effect: Any, width: int) -> str:
+    """Name, block and law of an effect; indented below, what its symbols mean, and what else its class says of it.
+
+    Only names begin at the margin, so that a search for `^name` finds one.
+    """
+    from .symbols import meanings, units
+
+    unit = units(effect)
+    rows = [(effect.label(), f"{effect.block.value}: {effect.equation}")]
+    for symbol, meaning in meanings(effect).items():
+        rows.append((f"    {symbol}" + (f" [{unit[symbol]}]" if symbol in unit else ""), meaning))
+    rows += [("    size", effect.size), ("    twins", ", ".join(effect.twins)), ("    source", effect.source)]
+    fold = textwrap.TextWrapper(width, subsequent_indent=" " * 25, break_on_hyphens=False)
+    lines = []
+    for head, said in rows:
+        fold.initial_indent = f"{head:<24} "
+        lines += fold.wrap(said or "-")
+    return "\n".join(lines)
 
 
 @contextmanager

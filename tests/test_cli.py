@@ -20,6 +20,7 @@ import pytest
 import didim_jax.identify.procedure as procedure
 from didim_jax import CATALOGUE, cli
 from didim_jax.formats import load_recording, save_recording
+from didim_jax.symbols import meanings, units
 
 PLANT = """model = "rigid"
 [parameters]
@@ -439,25 +440,42 @@ class Wind(dj.AbstractEffect):
 """
 
 
-def test_effects_are_listed_one_to_a_line_and_in_full(desk):
+def blocks(out: str) -> dict[str, str]:
+    """What `didim effects` says of each effect, by its name, as one line; last, under "", of all laws."""
+    *effects, common = re.split(r"\n\n", out.strip())
+    return {block.split()[0]: " ".join(block.split()) for block in effects} | {"": " ".join(common.split())}
+
+
+def test_effects_are_listed_in_full_with_what_their_symbols_mean(desk):
     status, out, err = desk.run("effects")
     assert (status, err) == (0, "")
-    heading, *lines = out.splitlines()
-    assert heading.split() == ["name", "block", "equation", "size", "twins", "source"]
-    assert [line.split()[0] for line in lines] == [effect.label() for effect in CATALOGUE]
-    for line, effect in zip(lines, CATALOGUE, strict=True):
-        told = (effect.block.value, effect.equation, effect.size, ", ".join(effect.twins), effect.source)
-        assert [cell for cell in told if cell not in line] == [] and "…" not in line
+    said = blocks(out)
+    assert list(said) == [*(effect.label() for effect in CATALOGUE), ""]
+    for effect in CATALOGUE:
+        told = (effect.block.value, effect.equation, effect.size, ", ".join(effect.twins) or "twins -", effect.source)
+        assert [cell for cell in told if cell not in said[effect.label()]] == []
+        assert [name for name, unit in units(effect).items() if f"{name} [{unit}]" not in said[effect.label()]] == []
+    names = [line.split()[0] for line in out.splitlines() if re.match(r"[a-z_]+  ", line)]
+    assert names == [effect.label() for effect in CATALOGUE]  # alone at the margin, for a search to find them
 
 
-def test_effects_on_a_narrow_screen_are_folded_and_not_cut(desk, monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "60")
+@pytest.mark.parametrize("effect", CATALOGUE, ids=[effect.label() for effect in CATALOGUE])
+def test_every_parameter_has_a_meaning(effect):
+    assert set(units(effect)) <= set(meanings(effect))
+    assert all(meanings(effect).values())
+
+
+@pytest.mark.parametrize(("columns", "width"), [(None, 100), ("60", 60), ("300", 100)])
+def test_effects_are_folded_and_not_cut(desk, monkeypatch, columns, width):
+    if columns:
+        monkeypatch.setenv("COLUMNS", columns)
+    else:
+        monkeypatch.delenv("COLUMNS", raising=False)
     status, out, err = desk.run("effects")
     assert (status, err) == (0, "") and "…" not in out
-    rows = re.sub(r"\x1b\[[\d;]*m", "", out).splitlines()
-    assert max(map(len, rows)) <= 60
-    assert {row.split()[0] for row in rows if row.split()} >= {effect.label() for effect in CATALOGUE}
+    assert max(map(len, out.splitlines())) <= width
+    said = blocks(out)
+    assert all(effect.equation in said[effect.label()] for effect in CATALOGUE)
 
 
 def test_effects_of_a_file_come_last(desk):
@@ -465,7 +483,8 @@ def test_effects_of_a_file_come_last(desk):
     before = desk.files()
     status, out, err = desk.run("effects", "--file", own)
     assert (status, err) == (0, "")
-    assert out.splitlines()[-1].split() == ["wind", "environment", "A", "[N]", "t"]
+    assert blocks(out)["wind"] == "wind environment: A [N] t A [N] - size - twins - source -"
+    assert list(blocks(out))[-2:] == ["wind", ""]
     assert desk.files() == before
 
 
