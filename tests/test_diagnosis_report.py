@@ -269,7 +269,7 @@ def test_what_is_not_repeated_is_judged_on_the_fit_record(diagnoses):
     d = dataclasses.replace(d, effects=("disturbance_pulses",), parameters=once, block="environment", where=where)
     assert "the gap on the fit record falls from 3.86 % to 1.30 %" in headline(d)
     text = _text(_page(d))
-    assert "A = 9.0 ± 0.5 N, repeats: no" in text
+    assert "A = 9.0 ± 0.5 N height repeats: no" in text
     assert "is not repeated on the check record" in text
     assert "2.10–2.40 s and 5.00–5.20 s" in text
 
@@ -287,6 +287,16 @@ def test_synthetic_is_said_in_the_first_lines_and_only_of_synthetic_data(effect,
     assert "SYNTHETIC DATA" in _text(_page(synthetic))[:200]
     assert _terminal(synthetic, tmp_path).startswith("SYNTHETIC")
     assert "SYNTHETIC" not in _page(plain) and "SYNTHETIC" not in _terminal(plain, tmp_path)
+
+
+def test_every_parameter_has_its_meaning_beside_it(effect):
+    text = _text(_page(effect))
+    assert "vs = 0.0201 ± 0.0006 m/s speed at which 37 % of it is left" in text
+    assert "s the sign of v" in text
+    assert 'title="friction over the square of the speed, at 0.1 m/s">c = ' in _page(effect)  # a candidate's
+    sizes = {"z_s": {"value": 2e-4, "std": 1e-5, "unit": "m"}}
+    text = _text(_page(dataclasses.replace(effect, effects=("presliding",), parameters={"presliding": sizes})))
+    assert "F: force of the bristle, N" in text and "z_s: " not in text
 
 
 def test_a_symptom_among_the_base_parameters_is_marked(effect):

@@ -10,8 +10,10 @@ from typing import Any
 import jinja2
 from matplotlib.figure import Figure
 
+from ..effects import AbstractEffect
 from ..effects.catalogue import CATALOGUE
 from ..gap.diagnosis import Diagnosis, Run
+from ..symbols import COMMON, meanings, units
 from .atlas import atlas_figure
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named
@@ -61,6 +63,7 @@ def render_diagnosis(d: Diagnosis, figures: Mapping[str, bytes]) -> str:
         gaps=[_gap(d, name) for name in d.gap],
         base=[_base(name, shift) for name, shift in d.base.items()],
         ranges=ranges(d),
+        symbols=COMMON,
         experiment=d.experiment,
         versions=versions(),
     )
@@ -91,16 +94,26 @@ def named_runs(d: Diagnosis) -> dict[str, Run]:
 def _adopted(d: Diagnosis, effect: str) -> dict[str, Any]:
     """One adopted effect as text: its law, its size, what it holds of the gap closed, its twins."""
     numbers: Mapping[str, Any] = d.parameters.get(effect, {})
-    law = next((e for e in CATALOGUE if e.label() == effect), None)
+    law = _law(effect)
     group = next((g for g in d.ambiguous_with if effect in g), ())
+    said, unit = (meanings(law), units(law)) if law else ({}, {})
     return {
         "effect": effect,
         "name": capital(named(effect)),
         "law": law.equation if law else "",
-        "parameters": [estimate(k, v) if isinstance(v, dict) else f"{k}: {_plain(v)}" for k, v in numbers.items()],
+        "symbols": [f"{symbol}: {said[symbol]}" for symbol in said if symbol not in {*unit, *numbers}],
+        "parameters": [
+            (estimate(k, v) if isinstance(v, dict) else f"{k}: {_plain(v)}", said.get(k, ""))
+            for k, v in numbers.items()
+        ],
         "last_in": f"{100 * d.last_in[effect]:.0f} %" if effect in d.last_in else NO_NUMBER,
         "twins": [named(e) for e in group if e != effect],
     }
+
+
+def _law(effect: str) -> type[AbstractEffect] | None:
+    """The effect's class; None for one of a user's own file."""
+    return next((e for e in CATALOGUE if e.label() == effect), None)
 
 
 def _plain(value: object) -> str:
@@ -114,6 +127,7 @@ def _ranking(d: Diagnosis) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for effect, p in shown_ranking(d, len(d.ranking) + 2):
         c = candidates.get(effect)
+        said = meanings(law) if (law := _law(effect)) else {}
         rows.append(
             {
                 "effect": effect,
@@ -123,7 +137,7 @@ def _ranking(d: Diagnosis) -> list[dict[str, Any]]:
                 "width": f"{100 * p:.1f}",
                 "gap": percent(d.gap["fit"].before if effect == "none" else c.gap if c else math.nan),
                 "share": f"{100 * c.share:.0f} %" if c and math.isfinite(c.share) else NO_NUMBER,
-                "parameters": [estimate(k, vars(v)) for k, v in c.parameters.items()] if c else [],
+                "parameters": [(estimate(k, vars(v)), said.get(k, "")) for k, v in c.parameters.items()] if c else [],
                 "twin": effect in group,
                 "spans": sum(e in group for e, _ in d.ranking)
                 if effect in group and not any(row["twin"] for row in rows)
