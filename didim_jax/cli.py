@@ -7,6 +7,7 @@ needs them.
 import difflib
 import functools
 import io
+import os
 import re
 import shutil
 import signal

@@ -22,7 +22,6 @@ from didim_jax.report.canvas import png
 from didim_jax.report.diagnosis_document import diagnosis_document
 from didim_jax.report.diagnosis_force import run_figure, worst_stretches
 from didim_jax.report.diagnosis_names import chance, listed, named
-from didim_jax.report.diagnosis_noise import maps
 from didim_jax.report.diagnosis_page import draw_diagnosis, named_runs, render_diagnosis
 from didim_jax.report.diagnosis_summary import shown_ranking, summary_figure
 from didim_jax.report.diagnosis_words import answers, headline
@@ -334,7 +333,7 @@ def test_a_short_peak_does_not_flatten_the_overview(effect):
 
 def test_an_empty_panel_of_the_map_says_why(effect):
     """Nothing goes with noise; what comes in a few moments goes with no variable, but is there."""
-    before, after = maps(effect)
+    before, after = effect.atlas, dataclasses.replace(effect.atlas_after, floor_rms=0.99 * effect.atlas_after.rms)
     said = {text.get_text() for ax in atlas_figure(before, after).axes for text in ax.texts}
     assert "nothing left to explain" in said
     one = dataclasses.replace(after, floor_rms=0.1 * after.rms)
@@ -375,13 +374,8 @@ def test_without_an_atlas_the_page_is_made_all_the_same(diagnosis):
 
 
 def test_noise_is_one_number_and_an_estimate(effect):
-    """The maps have a floor of their own; on the page they count with the gap's, in newtons."""
-    force = effect.atlas.rms / effect.gap["fit"].before
-    before, after = maps(effect)
-    assert before.floor_rms == pytest.approx(force * effect.gap["fit"].floor, rel=1e-12)
-    assert after.floor_rms == pytest.approx(effect.atlas_after.rms / 0.0130 * 0.0124, rel=1e-12)
-    noise = f"about {before.floor_rms:.2g} N of that looks like noise"
-    assert noise in answers(effect)[0].text and noise not in effect.atlas.words()
+    noise = f"about {effect.atlas.floor_rms:.2g} N of that looks like noise"
+    assert noise in answers(effect)[0].text
     text = _text(_page(effect))
     assert "noise (estimated)" in text and "may come out below it" in text
 

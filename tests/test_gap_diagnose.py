@@ -155,6 +155,13 @@ def test_the_document_keeps_to_its_schema(sticky):
     assert all(len(run.t) == len(run.tau) == len(run.before) == len(run.after) for run in sticky.runs)
 
 
+def test_noise_is_one_number(sticky):
+    """In the gap, and in newtons in the map of what is left before and after."""
+    gap = sticky.gap["fit"]
+    for one, left in ((sticky.atlas, gap.before), (sticky.atlas_after, gap.after)):
+        assert one.floor_rms / one.rms == pytest.approx(gap.floor / left, rel=1e-9)
+
+
 def test_the_gap_is_that_of_the_contract(sticky):
     """norm(F(tau - tau_sim)) / norm(F(tau)) over every sample, F of order 4 at 60 Hz, forward and backward."""
     sos = butter(4, 60.0, fs=1000.0, output="sos")

@@ -131,7 +131,7 @@ class Atlas:
         if rivals:
             either = f"{rivals[0].label} ({_percent(rivals[0].share)})"
             return f"{said}; {either} does nearly as well, and this record hardly tells them apart."
-        return f"{said}; the others together come near it."
+        return f"{said}."
 
     def _where(self) -> str:
         low, high = _middle([b.energy for b in self.bands])

@@ -129,8 +129,8 @@ def diagnose(
             *((ABSORBED,) if verdict.verdict == "none" else ()),
         ),
         candidates=candidates(searcher, found, verdict.ranking, floor),
-        atlas=atlas_of(record, left(record, before)),
-        atlas_after=atlas_of(record, left(record, after)),
+        atlas=atlas_of(record, left(record, before), floor),
+        atlas_after=atlas_of(record, left(record, after), floor) if verdict.effects else None,
         runs=tuple(runs),
         evidence={
             **dataclasses.asdict(q),

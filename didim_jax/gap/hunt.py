@@ -122,10 +122,11 @@ def rest(searcher: Searcher, fit: Fit) -> Remainder:
     return remainder(searcher.records[0], fit.residuals[0][0])
 
 
-def atlas_of(record: Prepared, residual: np.ndarray) -> Atlas:
-    """The atlas of a residual of the record's force."""
+def atlas_of(record: Prepared, residual: np.ndarray, floor: float) -> Atlas:
+    """The atlas of a residual of the record's force; `floor` is the diagnosis' own, N rms."""
     q, v, a, qg = motion(record)
-    return atlas(record.t, residual, q, v, a, qg, record.dt, record.bench.lead)
+    drawn = atlas(record.t, residual, q, v, a, qg, record.dt, record.bench.lead)
+    return dataclasses.replace(drawn, floor_rms=floor)
 
 
 def gain(step: Step, refit: Refit) -> float:

@@ -17,7 +17,6 @@ from ..symbols import COMMON, meanings, units
 from .atlas import atlas_figure
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named
-from .diagnosis_noise import maps
 from .diagnosis_summary import shown_ranking, summary_figure, twins
 from .diagnosis_words import UNCHECKED, answers, estimate, headline, ranges
 from .page import _minus, versions
@@ -38,7 +37,7 @@ BADGES = {
 def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     """summary, atlas, and force_fit, force_fit_2, ..., force_check."""
     figures = {"summary": summary_figure(d)}
-    before, after = maps(d)
+    before, after = d.atlas, d.atlas_after
     if before is not None:
         figures["atlas"] = atlas_figure(before, after)
     for name, run in named_runs(d).items():

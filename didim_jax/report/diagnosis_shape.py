@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from ..gap.atlas import Atlas
 from ..gap.diagnosis import Diagnosis
 from .canvas import INK, RESIDUAL, SIMULATED, label, title
-from .diagnosis_noise import maps
 from .diagnosis_words import leading
 
 _BINS = 48
@@ -34,7 +33,7 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
 
     Where the gap is bound to moments or frequencies, or there is no atlas, its course over time is drawn instead.
     """
-    before, after = maps(d)
+    before, after = d.atlas, d.atlas_after
     if before is None:
         ax.text(0.5, 0.5, "the residual was not mapped", transform=ax.transAxes, ha="center", color=INK, fontsize=9)
         return

@@ -5,7 +5,6 @@ import dataclasses
 from ..gap.atlas import Atlas, Variable
 from ..gap.diagnosis import Diagnosis, Gap
 from .diagnosis_names import capital, chance, listed, named, place
-from .diagnosis_noise import maps
 from .tables import decimals, percent, rounded, significant
 
 _SEEN_CHANGE = 0.03
@@ -87,8 +86,7 @@ def _where(d: Diagnosis) -> tuple[str, str]:
     if d.verdict == "none":
         return "Nowhere in particular", _looked_at(d)
     if d.verdict == "unexplained":
-        before, after = maps(d)
-        left = after or before
+        left = d.atlas_after or d.atlas
         with_it = f"With {_all(d)} in place: " if d.effects else ""
         if left is None:
             return "Not known", "The residual was not mapped."
@@ -122,8 +120,7 @@ def leading(one: Atlas) -> Variable | None:
 
 
 def _looked_at(d: Diagnosis) -> str:
-    before, _ = maps(d)
-    return before.words() if before is not None else ""
+    return d.atlas.words() if d.atlas is not None else ""
 
 
 def ranges(d: Diagnosis) -> str:
