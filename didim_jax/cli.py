@@ -187,6 +187,7 @@ def diagnose(
     cases: Path | None = None,
     exclude: tuple[str, ...] = (),
     effects: Path | None = None,
+    workers: int | None = None,
 ) -> None:
     """Diagnose the gap between a machine and its simulation: where it lies, which effect causes it, how far it shrinks.
 
@@ -198,6 +199,7 @@ def diagnose(
         cases: Folder of cases, each with fit.mat, check.mat and machine.toml.
         exclude: Effects to leave out of the catalogue.
         effects: Python file with effects of your own, added to the catalogue.
+        workers: Processes side by side, with --cases; one a core unless said otherwise, some 3 GB each.
     """
     from .effects.catalogue import CATALOGUE, load
     from .gap.cases import Case, cases_in, diagnose_case
@@ -211,7 +213,7 @@ def diagnose(
     if cases is not None:
         if records or machine or check:
             raise InputError("--cases takes its records and machines from its folders: give no others.")
-        _diagnose_many(cases_in(cases), out, exclude, effects)
+        _diagnose_many(cases_in(cases), out, exclude, effects, workers)
         return
     if not records or machine is None:
         raise InputError("give at least one record and its --machine, or a folder of --cases.")
@@ -233,11 +235,13 @@ def diagnose(
     print_diagnosis(found, out)
 
 
-def _diagnose_many(cases: Sequence[Any], out: Path, exclude: Sequence[str], effects: Path | None) -> None:
+def _diagnose_many(
+    cases: Sequence[Any], out: Path, exclude: Sequence[str], effects: Path | None, workers: int | None
+) -> None:
     """All cases; exit status 1 where one could not be used."""
     from .report.many import diagnose_under_bar
 
-    bad = diagnose_under_bar(cases, out, exclude=exclude, effects=effects)
+    bad = diagnose_under_bar(cases, out, exclude=exclude, effects=effects, workers=workers)
     if bad:
         print(f"didim: {len(bad)} of {len(cases)} cases could not be used: {', '.join(bad)}.", file=sys.stderr)
         sys.exit(1)

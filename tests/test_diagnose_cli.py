@@ -303,6 +303,18 @@ def test_effects_are_left_out_of_every_case_or_of_one(desk, monkeypatch, by_name
     assert said["case-002"] == "unusable: case-002: nothing in it"
 
 
+def test_a_process_that_is_killed_is_said_in_one_line(desk):
+    """Here by a user's effects, which end it as they are read; elsewhere for want of memory."""
+    desk.case("case-001")
+    desk.case("case-002")
+    desk.write("deadly.py", "import os\nos._exit(9)\n")
+    with pytest.raises(InputError, match="a process was killed") as caught:
+        many.diagnose_cases(
+            cases_in(Path("cases")), Path("out"), effects=Path("deadly.py"), workers=2, done=lambda case, line: None
+        )
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.slow
 def test_what_didim_simulate_writes_can_be_diagnosed(desk):
     """A rigid drive has both encoders on one mass: ql is qm, and says nothing."""

@@ -9,6 +9,7 @@ import os
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from rich.console import Console
@@ -35,7 +36,8 @@ def diagnose_cases(
     """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned.
 
     `exclude` are the effects left out of the catalogue, of every case or by the case's name; `effects` is a file of a
-    user's own. `done` is told of every case as it ends. One worker is this process itself.
+    user's own. `done` is told of every case as it ends. One worker is this process itself. Raises InputError: a process
+    was killed.
     """
 
     def without(case: Case) -> tuple[str, ...]:
@@ -59,7 +61,12 @@ def diagnose_cases(
             running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in cases}
             for future in as_completed(running):
                 note(running[future], *future.result())
-        except BaseException:  # interrupted, or a process was killed: what runs would be waited for
+        except BrokenProcessPool:
+            raise InputError(
+                "a process was killed, most likely for want of memory; what is written stays. "
+                "Go on with fewer of them side by side."
+            ) from None
+        except BaseException:  # interrupted: what runs would be waited for
             for process in multiprocessing.active_children():
                 process.terminate()
             pool.shutdown(cancel_futures=True)
@@ -111,8 +118,12 @@ def diagnose_under_bar(
     exclude: Collection[str] | Mapping[str, Collection[str]] = (),
     effects: Path | None = None,
     label: str = "cases",
+    workers: int | None = None,
 ) -> list[str]:
-    """`diagnose_cases` on every core, under a bar with the time left, a line a case; names of those not usable."""
+    """`diagnose_cases` under a bar with the time left, a line a case; names of those not usable.
+
+    On every core unless `workers` says how many processes.
+    """
     console = Console(stderr=True)
     bars = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*bars, console=console) as progress:
@@ -122,4 +133,4 @@ def diagnose_under_bar(
             progress.advance(task)
             console.print(f"{case.name}: {line}", markup=False, highlight=False)
 
-        return diagnose_cases(cases, out, exclude=exclude, effects=effects, workers=cores(), done=done)
+        return diagnose_cases(cases, out, exclude=exclude, effects=effects, workers=workers or cores(), done=done)
