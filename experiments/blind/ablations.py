@@ -47,7 +47,7 @@ from didim_jax.gap.fit import Fit, Problem
 from didim_jax.gap.noise import Whitening
 from didim_jax.gap.prepared import Channel, Prepared, prepare
 from didim_jax.gap.readings import Readings
-from didim_jax.gap.score import Score, score
+from didim_jax.gap.score import Each, Score, in_turn, score
 from didim_jax.gap.search import Searcher
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
@@ -103,9 +103,9 @@ def only(ingredients: Ingredients) -> Iterator[None]:
         yield
 
 
-def unprojected(problem: Problem, fit: Fit, effects: Sequence[Any]) -> list[Score]:
+def unprojected(problem: Problem, fit: Fit, effects: Sequence[Any], each: Each = in_turn) -> list[Score]:
     """The package's score with no nuisance to project out."""
-    return score(problem, dataclasses.replace(fit, jacobian=fit.jacobian[:, :0]), effects)
+    return score(problem, dataclasses.replace(fit, jacobian=fit.jacobian[:, :0]), effects, each)
 
 
 _base = vars(Searcher)["base"].fget
