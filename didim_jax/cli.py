@@ -292,7 +292,7 @@ def effects(file: Path | None = None) -> None:
         file: Python file with effects of your own, listed after those of the catalogue.
     """
     from .effects.catalogue import CATALOGUE, load
-    from .symbols import COMMON
+    from .effects.symbols import COMMON
 
     width = min(shutil.get_terminal_size((_COLUMNS, 24)).columns, _COLUMNS)
     for effect in (*CATALOGUE, *(load(file) if file else ())):
@@ -308,7 +308,7 @@ def _described(effect: Any, width: int) -> str:
 
     Only names begin at the margin, so that a search for `^name` finds one.
     """
-    from .symbols import meanings, units
+    from .effects.symbols import meanings, units
 
     unit = units(effect)
     rows = [(effect.label(), f"{effect.block.value}: {effect.equation}")]

@@ -19,8 +19,8 @@ import pytest
 
 import didim_jax.identify.procedure as procedure
 from didim_jax import CATALOGUE, cli
+from didim_jax.effects.symbols import meanings, units
 from didim_jax.formats import load_recording, save_recording
-from didim_jax.symbols import meanings, units
 
 PLANT = """model = "rigid"
 [parameters]

@@ -155,7 +155,10 @@ def test_a_fit_keeps_within_bounds(made):
     assert made.model.decode(fit.xs[0])["stribeck.vs"] <= 0.04
     assert made.model.bound(fit.xs[0], place) == "most"
     std = standard_deviations(Searcher([made]), fit)
-    assert std[place] == 0.0 and 0 < std[made.model.index["M"]] < 1  # it cannot vary, and no other pays for it
+    # m/s, were all else known; it cannot vary, and no other pays for it
+    column = fit.jacobian[:, moved(made).index(place)]
+    assert std[place] == pytest.approx(made.model.entries[place].scale / np.linalg.norm(column), rel=1e-6)
+    assert 0 < std[made.model.index["M"]] < 1
 
 
 # -- noise -------------------------------------------------------------------------------------------------------

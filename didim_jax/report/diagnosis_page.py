@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from ..effects import AbstractEffect
 from ..effects.catalogue import CATALOGUE
+from ..effects.symbols import COMMON, meanings, units
 from ..gap.diagnosis import Diagnosis, Run
-from ..symbols import COMMON, meanings, units
 from .atlas import atlas_figure
 from .diagnosis_force import run_figure
 from .diagnosis_names import capital, chance, named

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from .effects import AbstractEffect
+from ._base import AbstractEffect
 
 COMMON = (
     "In the laws q and v are position and velocity of the motor side, s the sign of v, delta the bend of the coupling, "
