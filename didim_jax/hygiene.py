@@ -13,6 +13,7 @@ import numpy as np
 from didim_jax.errors import InputError
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
+from didim_jax.signals import LowPass, central_difference
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,19 +158,27 @@ def _stroke_units(r: Recording, m: Machine) -> Iterator[Finding]:
             )
 
 
-_ONE_BODY = 10.0  # counts, rms: two encoders on one body differ by roundings and an offset
+_ONE_BODY = 20.0  # counts, rms: two encoders on one body differ by roundings and errors of their scales
+_RIGID_HZ = 80.0  # a mode well above the band of 60 Hz does not show in it
 
 
 def _two_encoders(r: Recording, m: Machine) -> Iterator[Finding]:
-    """Does the load move against the motor, where the machine is said to be rigid?"""
-    if r.ql is None or m.model != "rigid" or np.ptp(r.ql) == 0:
+    """Does the load swing against the motor, where the machine is said to be rigid?
+
+    Zero, scale, warming and skew of two encoders are no swing. On a spring the load lags by a / (2 pi f)^2.
+    """
+    if r.ql is None or m.model != "rigid" or np.ptp(r.ql) == 0 or len(r) < _MIN_SAMPLES:
         return
-    apart = float(np.std(r.ql - r.qm))
-    if apart > _ONE_BODY * m.encoder.resolution:
+    dt = m.controller.sample_time
+    v = central_difference(r.qm, dt)
+    a = LowPass.butterworth(60.0, dt)(central_difference(v, dt))
+    apart = _regress([np.ones(len(r)), r.qm, r.t - r.t[0], v], r.ql - r.qm)[1]
+    frequency = float(np.sqrt(np.std(a) / apart)) / (2 * np.pi) if apart > 0 else np.inf
+    if apart > _ONE_BODY * m.encoder.resolution and frequency < _RIGID_HZ:
         yield Finding(
             "agreement",
-            f"ql moves against qm by {1e6 * apart:.3g} um rms, and the machine is said to be rigid: "
-            'set model = "flexible" in the machine file, or give the file of this machine.',
+            f"ql swings against qm by {1e6 * apart:.3g} um rms, as on a spring of some {frequency:.2g} Hz, and the "
+            'machine is said to be rigid: set model = "flexible" in its file, or give the file of this machine.',
         )
 
 

@@ -73,7 +73,7 @@ def clean_run(emps_like: Machine) -> Recording:
         vir[k] = c.kv * (c.kp * (qg[k] - qm[k]) - dq)
         v += c.sample_time * (emps_like.drive.gain * vir[k] - 200.0 * v - 20.0 * np.tanh(v / 1e-3)) / 95.0
         q += c.sample_time * v
-    return Recording(t, qg, qm, vir, emps_like.drive.gain, ql=qm + 1e-7 * vir, name="clean run", synthetic=True)
+    return Recording(t, qg, qm, vir, emps_like.drive.gain, ql=qm + 1e-6 * vir, name="clean run", synthetic=True)
 
 
 @pytest.fixture(scope="session")
