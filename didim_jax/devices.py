@@ -34,8 +34,9 @@ def use_every_core() -> None:
 
 
 def cores() -> int:
-    """Processors of this machine."""
-    return os.cpu_count() or 1
+    """Processors that this process may use."""
+    allowed = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 def forget_programs(full: float = 0.6) -> bool:

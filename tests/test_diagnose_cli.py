@@ -303,16 +303,33 @@ def test_effects_are_left_out_of_every_case_or_of_one(desk, monkeypatch, by_name
     assert said["case-002"] == "unusable: case-002: nothing in it"
 
 
-def test_a_process_that_is_killed_is_said_in_one_line(desk):
-    """Here by a user's effects, which end it as they are read; elsewhere for want of memory."""
+def test_a_case_that_kills_its_process_is_bad_and_the_others_go_on(desk):
+    """Here by a user's effects, which end the process that reads them for the first case; else for want of memory."""
     desk.case("case-001")
-    desk.case("case-002")
-    desk.write("deadly.py", "import os\nos._exit(9)\n")
-    with pytest.raises(InputError, match="a process was killed") as caught:
-        many.diagnose_cases(
-            cases_in(Path("cases")), Path("out"), effects=Path("deadly.py"), workers=2, done=lambda case, line: None
-        )
-    assert "\n" not in str(caught.value)
+    desk.case("case-002", machine=desk.edited("160.18", "170.0"))
+    left_out = {"case-001": ("deadly",), "case-002": ("harmless",)}
+    desk.write(
+        "deadly.py",
+        "import inspect, os\n"
+        "frames = [f.frame.f_locals.get('exclude') for f in inspect.stack()]\n"
+        "if ('deadly',) in frames:\n    os._exit(9)\n"
+        "import didim_jax as dj\n"
+        "class Nothing(dj.AbstractEffect):\n"
+        "    block = dj.Block.ENVIRONMENT\n    name = 'nothing'\n    k: float = dj.param('N', scale=1.0, default=0.0)\n"
+        "    def __call__(self, t, x, signals):\n        return self.k * signals.q1, x\n",
+    )
+    said = {}
+    bad = many.diagnose_cases(
+        cases_in(Path("cases")),
+        Path("out"),
+        exclude=left_out,
+        effects=Path("deadly.py"),
+        workers=2,
+        done=lambda case, line: said.update({case.name: line}),
+    )
+    assert bad == ["case-001", "case-002"]
+    assert "killed" in said["case-001"] and "killed" in Path("out/case-001/error.txt").read_text(encoding="utf-8")
+    assert "170" in said["case-002"]  # its own fault, told by a process of its own
 
 
 @pytest.mark.slow

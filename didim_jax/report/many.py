@@ -36,8 +36,7 @@ def diagnose_cases(
     """Diagnose and write every case; a bad one leaves its line in `out`/<case>/error.txt, and its name is returned.
 
     `exclude` are the effects left out of the catalogue, of every case or by the case's name; `effects` is a file of a
-    user's own. `done` is told of every case as it ends. One worker is this process itself. Raises InputError: a process
-    was killed.
+    user's own. `done` is told of every case as it ends. One worker is this process itself.
     """
 
     def without(case: Case) -> tuple[str, ...]:
@@ -54,23 +53,31 @@ def diagnose_cases(
         for case in cases:
             note(case, *_diagnose(case, out / case.name, without(case), effects))
         return bad
-    # A forked process would inherit JAX's threads' locks, held or not.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(cases)), context, _begin) as pool:
-        try:
-            running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in cases}
-            for future in as_completed(running):
-                note(running[future], *future.result())
-        except BrokenProcessPool:
-            raise InputError(
-                "a process was killed, most likely for want of memory; what is written stays. "
-                "Go on with fewer of them side by side."
-            ) from None
-        except BaseException:  # interrupted: what runs would be waited for
-            for process in multiprocessing.active_children():
-                process.terminate()
-            pool.shutdown(cancel_futures=True)
-            raise
+    waiting = list(cases)
+
+    def attempt(some: Sequence[Case], workers: int) -> None:
+        """Diagnose some cases; those of a process that is killed, and what it leaves undone, go on waiting."""
+        # A forked process would inherit JAX's threads' locks, held or not.
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin) as pool:
+            try:
+                running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in some}
+                for future in as_completed(running):
+                    good, line = future.result()
+                    waiting.remove(running[future])
+                    note(running[future], good, line)
+            except BrokenProcessPool:
+                return
+            except BaseException:  # interrupted: what runs would be waited for
+                for process in multiprocessing.active_children():
+                    process.terminate()
+                pool.shutdown(cancel_futures=True)
+                raise
+
+    attempt(cases, min(workers, len(cases)))
+    for case in tuple(waiting):  # one at a time, to tell the case that kills its process from those beside it
+        attempt([case], 1)
+        if case in waiting:
+            note(case, *_failed(out / case.name, "its process was killed, most likely for want of memory"))
     return sorted(bad)
 
 
@@ -94,15 +101,19 @@ def _diagnose(case: Case, folder: Path, exclude: Collection[str], effects: Path 
         write_diagnosis(diagnosis, folder)
     except Exception as error:  # whatever goes wrong with one case, the others go on
         said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-        said = " ".join(said.split())
-        folder.mkdir(parents=True, exist_ok=True)
-        for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
-            (folder / stale).unlink(missing_ok=True)
-        with atomic_write(folder / "error.txt") as path:
-            path.write_text(f"{said}\n", encoding="utf-8")
-        return False, f"unusable: {said}"
+        return _failed(folder, " ".join(said.split()))
     (folder / "error.txt").unlink(missing_ok=True)
     return True, f"{diagnosis.verdict}: {', '.join(diagnosis.effects) or '-'}"
+
+
+def _failed(folder: Path, said: str) -> tuple[bool, str]:
+    """Leave the reason in place of results."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+        (folder / stale).unlink(missing_ok=True)
+    with atomic_write(folder / "error.txt") as path:
+        path.write_text(f"{said}\n", encoding="utf-8")
+    return False, f"unusable: {said}"
 
 
 @functools.cache
