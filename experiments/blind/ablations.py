@@ -95,7 +95,7 @@ def only(ingredients: Ingredients) -> Iterator[None]:
     if not ingredients.exact_jacobian:
         changes.append((diagnosing, "prepare", prepare_didim))
     if not ingredients.second_criterion:
-        changes.append((hunt, "_gains_elsewhere", gains_anywhere))
+        changes += [(hunt, "_gains_elsewhere", gains_anywhere), (hunt, "_certain", gains_anywhere)]
     with contextlib.ExitStack() as stack:
         for owner, name, value in changes:
             stack.callback(setattr, owner, name, vars(owner)[name])
@@ -142,7 +142,7 @@ def nothing_read(recordings: Sequence[Recording], machine: Machine, exclude: Col
 
 
 def gains_anywhere(*arguments: Any) -> bool:
-    """The gain on interleaved blocks not asked for."""
+    """The gain on interleaved blocks not asked for, nor what is asked for in its place of what acts once."""
     return True
 
 
