@@ -101,7 +101,7 @@ def diagnose(
             share, interval = closed(second, was, now, floor)
         remarks += [f"{name} is {value:.4g} on the check record, its own." for name, value in moved.items()]
 
-    if not once and open_check is None and read_floor is None:
+    if share is not None and read_floor is None and (once or open_check is None):
         remarks.append(
             "The share closed is of the record that was fitted, against noise guessed from what is left there."
         )

@@ -80,7 +80,7 @@ def hunt(
     stages: list[tuple[str, Fit]] = []
     once: list[str] = []
     while len(adopted) < MOST_EFFECTS:
-        worth = WORTH if adopted and rest(searcher, last).settled else 0.0
+        worth = WORTH if adopted and all(r.settled for r in rest(searcher, last)) else 0.0
         others = [e for e in effects if e.label() not in adopted]
         step = searcher.step(last, others, adopted, worth)
         steps.append(step)
@@ -108,18 +108,20 @@ def _best(searcher: Searcher, step: Step, adopted: tuple[str, ...]) -> tuple[Ref
     least = decide.BESIDE if adopted else decide.RELEVANT
     usual = {r.effect for r in step.refits if _usual(searcher, r)}
     worth = [r for r in step.refits if gain(step, r) >= least and r.effect not in usual]
-    names, failed = {r.effect for r in worth}, sorted(usual)
-    for refit in _ordered(worth)[:TRIED]:
-        if _certain(searcher, step, refit) and _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
+    names = {r.effect for r in worth}
+    certain = [r for r in worth if _certain(searcher, step, r)]
+    failed = [*sorted(usual), *(r.effect for r in worth if r not in certain)]
+    for refit in _ordered(certain)[:TRIED]:
+        if _gains_elsewhere(searcher, step.before, refit, adopted, 0.5 * least):
             slight = [r.effect for r in step.refits if r.effect not in names and _likely(r) > _likely(refit)]
             return refit, tuple(dict.fromkeys((*failed, *slight)))
         failed.append(refit.effect)
-    return None, tuple(failed)
+    return None, tuple(dict.fromkeys((*failed, *(r.effect for r in certain))))  # nobody is named untested
 
 
-def rest(searcher: Searcher, fit: Fit) -> Remainder:
-    """What of the first record's force residual is not noise."""
-    return remainder(searcher.records[0], fit.residuals[0][0])
+def rest(searcher: Searcher, fit: Fit) -> list[Remainder]:
+    """What of every record's force residual is not noise."""
+    return [remainder(p, row[0]) for p, row in zip(searcher.records, fit.residuals, strict=True)]
 
 
 def atlas_of(record: Prepared, residual: np.ndarray, floor: float) -> Atlas:
@@ -170,7 +172,10 @@ def _usual(searcher: Searcher, refit: Refit) -> bool:
 
 
 def _gains_elsewhere(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ...], least: float) -> bool:
-    """Whether the effect gains this share on blocks of time that took no part in its fit, both halves together."""
+    """Whether the effect gains this share on blocks of time that are left out of a refit, both halves together.
+
+    The refits begin where the one to all blocks ended: what a half cannot move stays there.
+    """
     split = _halves(searcher)
     hidden, start = _hidden(searcher, best.fit), searcher.model.of("start")
     both = (before, before.chosen, adopted), (best.fit, searcher.chosen(before, best.effect), (*adopted, best.effect))

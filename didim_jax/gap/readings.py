@@ -18,7 +18,7 @@ class Readings:
     """Effects that need no search.
 
     - `controller` parameters (`position_gain.e`) that explain vir against the documented law; `std` of each
-    - `law_left` share of r_C that nothing explains
+    - `law_left` share of r_C that nothing explains, of the record where that is most
     - `pulses` in the control law's output, for each record; `grid` of the encoder (m), 0 where it is the documented one
     """
 
@@ -59,13 +59,13 @@ def read_off(recordings: Sequence[Recording], machine: Machine, exclude: Collect
                 f"{r.label}: {len(found)} pulses of {volts:.4g} V ({volts * machine.drive.gain:.4g} N) in vir, behind "
                 "the control law."
             )
-    controller, std, law_left = {}, {}, 0.0
+    controller, std = {}, {}
+    law_left = max((1 - x.best(exclude).share for x in laws if x.significant), default=0.0)
     if law.significant:
         best = law.best(exclude)
         named = [name for name in best.effects if name in CONTROLLER]
         controller = {k: v for k, v in best.parameters.items() if k.split(".")[0] in CONTROLLER}
         std = {k: v for k, v in best.std.items() if k in controller}
-        law_left = 1 - best.share
         if named or not any(pulses):
             explained = f"{' and '.join(named)} leaves {best.rms:.2g} V" if named else "no effect of the catalogue does"
             remarks.append(

@@ -273,7 +273,8 @@ class Searcher:
         least = min((r.fit.cost for r in whole), default=np.inf)
         alike = {e for r in whole if r.fit.cost == least for e in twins.get(r.effect, ())}
         late = {r.effect: r for r in reversed(near) if r.effect in alike or r.fit.cost < NEARLY * least}
-        whole += [r for r in self.side_by_side(long, (late[e] for e in late if e not in leaders)) if r.fit.ok]
+        done = {r.effect for r in again}
+        whole += [r for r in self.side_by_side(long, (late[e] for e in late if e not in done)) if r.fit.ok]
         best: dict[str, _Trial] = {}
         for r in [*sorted(whole, key=lambda r: r.fit.cost), *first]:
             best.setdefault(r.effect, r)

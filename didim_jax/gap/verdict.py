@@ -15,7 +15,7 @@ from .readings import Readings
 from .search import Searcher, Step
 
 FOREIGN = 0.5
-"""Share of the force that is left where the record is not this machine's at all."""
+"""Share of the force that is left where a record is not this machine's at all."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,24 +40,36 @@ class Quality:
 
 
 def quality(searcher: Searcher, found: Found, law_left: float) -> Quality:
-    """Measure it on the first record."""
+    """Measure it on all records; what is left, on the one that speaks most for something else."""
     closed = 0.0
     if found.steps:
         first = found.steps[0]
         credible = [r for r in first.refits if r.effect not in first.refuted]
         best = next((r for r in credible if r.effect in found.order[:1]), credible[0] if credible else None)
         closed = 0.0 if best is None else gain(first, best)
-    remains = rest(searcher, found.last)
-    before, after = (float(np.sum(fit.residuals[0][0] ** 2)) for fit in (found.nominal, found.last))
-    left, explained = remains.structured * after, max(before - after, 0.0)
-    share = left / max(left + explained, 1e-300)
-    return Quality(
-        gain=closed,
-        **dataclasses.asdict(remains),
-        structured=remains.structured,
-        left=float(share),
-        law_left=law_left,
-    )
+    each = []
+    for k, remains in enumerate(rest(searcher, found.last)):
+        before, after = (float(np.sum(fit.residuals[k][0] ** 2)) for fit in (found.nominal, found.last))
+        left, explained = remains.structured * after, max(before - after, 0.0)
+        share = left / max(left + explained, 1e-300)
+        each.append(
+            Quality(
+                gain=closed,
+                **dataclasses.asdict(remains),
+                structured=remains.structured,
+                left=float(share),
+                law_left=law_left,
+            )
+        )
+    return max(each, key=lambda q: _other(q, bool(found.adopted)))
+
+
+def _other(q: Quality, found: bool) -> float:
+    """Probability of something outside the catalogue."""
+    # What is only read off the record takes no part in the gap: there is nothing of which a share could be left.
+    if found:
+        return decide.other(q.left, q.structured, q.drift, q.law_left)
+    return decide.unknown(q.structured, q.drift, q.law_left)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +87,7 @@ class Findings:
     """What a verdict is drawn from: all of it is in diagnosis.json.
 
     Effects `read` off the record and those `adopted`; the evidence of every step, and the effect that each found in
-    `order`. `foreign`: most of the force is left, so that the record is not this machine's.
+    `order`. `foreign`: most of the force is left, so that a record is not this machine's.
     """
 
     read: tuple[str, ...]
@@ -88,7 +100,8 @@ class Findings:
 
 def judge_findings(searcher: Searcher, found: Found, q: Quality, read: Readings) -> Verdict:
     """From what the hunt found to a verdict."""
-    foreign = relative(searcher.records[0], found.last.outputs[0]) > FOREIGN
+    gaps = [relative(p, out) for p, out in zip(searcher.records, found.last.outputs, strict=True)]
+    foreign = max(gaps) > FOREIGN
     steps = tuple(evidence(step) for step in found.steps)
     return conclude(Findings(tuple(read.effects), found.adopted, q, steps, found.order, foreign))
 
@@ -97,19 +110,17 @@ def conclude(found: Findings) -> Verdict:
     """From the evidence to a verdict."""
     q = found.quality
     effects = tuple(dict.fromkeys((*found.read, *found.adopted)))
-    # What is only read off the record takes no part in the gap: there is nothing of which a share could be left.
-    if found.adopted:
-        other = decide.other(q.left, q.structured, q.drift, q.law_left)
-    else:
-        other = decide.unknown(q.structured, q.drift, q.law_left)
-    other = 1.0 if found.foreign else other
+    other = 1.0 if found.foreign else _other(q, bool(found.adopted))
     if found.read:
         ranking = decide.settled(found.read[0], other)
     else:
         none = decide.none(q.gain)
         # Where nothing was found, structure that is left speaks against none; where something was, for what was found.
         none, shared = (none * (1 - other), other) if not effects else (none, other * (1 - none))
-        ranking = decide.probabilities(found.steps[0] if found.steps else decide.NOTHING, none, shared)
+        # What was found first and is not missed beside what was found later is in question no more.
+        gone = [name for name in found.order if name not in effects]
+        first = found.steps[0].without(gone) if found.steps else decide.NOTHING
+        ranking = decide.probabilities(first, none, shared)
     if other > 0.5:
         return Verdict("unexplained", effects, (), ranking)
     if not effects:
