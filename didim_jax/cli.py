@@ -210,6 +210,8 @@ def diagnose(
         near = difflib.get_close_matches(unknown[0], known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(sorted(known))}."
         raise InputError(f"--exclude {unknown[0]}: no such effect; {hint}")
+    if workers is not None and (workers < 1 or cases is None):
+        raise InputError("--workers takes a number of processes, 1 or more, and goes with --cases.")
     if cases is not None:
         if records or machine or check:
             raise InputError("--cases takes its records and machines from its folders: give no others.")

@@ -162,6 +162,8 @@ BAD: dict[str, tuple[Callable[[Desk], tuple[str, ...]], tuple[str, ...]]] = {
         lambda d: (*FIT, "--exclude", "bogus"),
         ("--exclude bogus", "no such effect", "known are", "cogging, local_friction, offset"),
     ),
+    "no process": (lambda d: ("--cases", "cases", "--out", "out", "--workers", "0"), ("--workers", "1 or more")),
+    "processes for one": (lambda d: (*FIT, "--workers", "2"), ("--workers", "--cases")),
     "cases and a record": (lambda d: ("fit.mat", "--cases", "cases", "--out", "out"), ("--cases", "no others")),
     "no folder of cases": (lambda d: ("--cases", "nowhere", "--out", "out"), ("nowhere", "no such folder")),
     "folder without a case": (lambda d: ("--cases", empty(d), "--out", "out"), ("nothing", "no case", "fit.mat")),
