@@ -213,7 +213,7 @@ def test_three_questions_have_an_answer_each(diagnosis, tmp_path):
 
 def test_the_answers_of_a_named_effect(diagnoses):
     where, which, far = answers(diagnoses["effect"])
-    assert where.head == "On the motor side, below 15 Hz"
+    assert where.head == "On the motor side"
     assert (which.head, far.head) == ("Stribeck friction (93 %)", "98 % [97, 99] of what can be closed")
     assert which.text == (
         "dFs = 8.73 ± 0.27 N, vs = 0.0201 ± 0.0006 m/s. Next likeliest: something else (5 %) and quadratic viscous "
@@ -371,6 +371,22 @@ def test_without_an_atlas_the_page_is_made_all_the_same(diagnosis):
     assert "The residual was not mapped." in _text(_page(d))
     assert "atlas" not in draw_diagnosis(d)
     assert all(answer.text for answer in answers(d)[1:])
+
+
+def test_a_doubt_about_the_machine_s_file_comes_before_the_answer(effect):
+    said = "slow: ql swings against qm by 18 um rms, and the machine is said to be rigid."
+    d = dataclasses.replace(effect, doubts=(said,))
+    text = _text(_page(d))
+    assert text.index(said) < text.index(headline(d))
+    assert diagnosis_document(d)["remarks"] == [said, *effect.remarks]
+
+
+def test_what_is_left_well_above_the_noise_is_said(effect):
+    gap = effect.gap["check"]
+    shrinks = answers(dataclasses.replace(effect, share=0.999, interval=(0.997, 1.0)))[2]
+    assert shrinks.head.startswith("More than 99 %") and "times the noise" not in shrinks.text
+    more = dataclasses.replace(gap, after=3 * gap.floor)
+    assert "3.0 times the noise" in answers(dataclasses.replace(effect, gap=effect.gap | {"check": more}))[2].text
 
 
 def test_noise_is_one_number_and_an_estimate(effect):

@@ -51,6 +51,10 @@ def outline(path: Path, machine: Machine) -> Recording:
     )
 
 
+RESULTS = ("diagnosis.json", "prediction.json", "simulation.npz", "report.html")
+"""Files that a diagnosis leaves in its folder."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Case:
     """A folder with fit.mat, machine.toml and, usually, check.mat."""
@@ -95,8 +99,9 @@ def diagnose_case(
     """
     forget_programs()
     machine = Machine.load(case.machine)
-    (out / "prediction.json").unlink(missing_ok=True)
     recordings = [load_recording(path, gain=machine.drive.gain) for path in case.fits]
+    for stale in RESULTS:  # no folder holds results of two runs
+        (out / stale).unlink(missing_ok=True)
 
     def open_check(predicted: float) -> Recording:
         assert case.check is not None

@@ -51,7 +51,8 @@ def diagnose(
     after everything else is decided, and returns the record that is then judged. `threads`: refits that run side by
     side. Raises InputError: a record that cannot be used.
     """
-    remarks = [f"{r.label}: {f.message}" for r in recordings for f in admit(r, machine)]
+    findings = [(r, f) for r in recordings for f in admit(r, machine)]
+    remarks = [f"{r.label}: {f.message}" for r, f in findings if f.check != "agreement"]
     read = read_off(recordings, machine, exclude)
     quiet = [read.quiet(r, k) for k, r in enumerate(recordings)]
     searcher = Searcher([prepare(r, machine, catalogue) for r in quiet], threads)
@@ -125,7 +126,6 @@ def diagnose(
             *read.remarks,
             *_hum(q),
             *_untested(found),
-            *_mass(searcher, found, machine),
             *((ABSORBED,) if verdict.verdict == "none" else ()),
         ),
         candidates=candidates(searcher, found, verdict.ranking, floor),
@@ -141,6 +141,10 @@ def diagnose(
         },
         machine=machine.name,
         synthetic=any(r.synthetic for r in recordings),
+        doubts=(
+            *(f"{r.label}: {f.message}" for r, f in findings if f.check == "agreement"),
+            *_mass(searcher, found, machine),
+        ),
     )
 
 

@@ -93,7 +93,7 @@ class Diagnosis:
 
     `verdict` is none, effect, ambiguous or unexplained. `share`, `interval`: of the explainable gap closed on the check
     record (on the fit record without one). `runs`: fit records, then the check record. `evidence`: the numbers that the
-    verdict was drawn from.
+    verdict was drawn from. `doubts` say why this may not be the machine of its file at all.
     """
 
     verdict: str
@@ -117,3 +117,4 @@ class Diagnosis:
     evidence: dict[str, Any]
     machine: str
     synthetic: bool
+    doubts: tuple[str, ...] = ()

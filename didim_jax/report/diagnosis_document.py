@@ -43,6 +43,6 @@ def diagnosis_document(d: Diagnosis) -> dict[str, Any]:
         "evidence": d.evidence,
         "machine": d.machine,
         "synthetic": d.synthetic,
-        "remarks": d.remarks,
+        "remarks": [*d.doubts, *d.remarks],
     }
     return plain(document)

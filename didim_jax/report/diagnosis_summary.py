@@ -58,7 +58,7 @@ def _ranking(ax: Axes, d: Diagnosis) -> None:
     ax.set_xlim(0, 100)
     ax.grid(axis="y", visible=False)
     label(ax, x="probability, %")
-    title(ax, "effects of the catalogue")
+    title(ax, "which came first" if len(d.effects) > 1 else "effects of the catalogue")
 
 
 def shown_ranking(d: Diagnosis, most: int) -> list[tuple[str, float]]:

@@ -13,6 +13,9 @@ _SEEN_CHANGE = 0.03
 UNCHECKED = "No check record: all numbers are from the record that was fitted, which flatters what was found."
 """Said first where it is so, on the page and in the terminal."""
 
+_MORE_THAN_NOISE = 1.5
+"""Times the noise from which what is left is said to be more; estimates of noise differ by a third."""
+
 _WORTH_NAMING = 0.1
 """Share of the gap's energy that a variable must close to be named."""
 
@@ -95,9 +98,6 @@ def _where(d: Diagnosis) -> tuple[str, str]:
     head = place(d.block) if d.block else "Not bound to a place"
     if d.where.time_s:
         head += f", {_intervals(d.where.time_s)}"
-    elif d.where.frequency_hz:
-        low, high = d.where.frequency_hz
-        head += f", {_span([low, high], 'Hz')}" if low >= 1 else f", below {significant(max(high, 1.0), 2)} Hz"
     return head, _looked_at(d)
 
 
@@ -237,8 +237,13 @@ def _how_far(d: Diagnosis) -> tuple[str, str]:
         text += " What was found is not repeated on the check record, so the gap closed is judged on the fit record."
     if not d.effects:
         return ("Nothing to close" if d.verdict == "none" else "Not at all"), text
+    above = d.gap[name].after / d.gap[name].floor if d.gap[name].floor > 0 else 1.0
+    if above > _MORE_THAN_NOISE:
+        text += f" What is left is {above:.1f} times the noise: not all of it is explained."
     if d.share is None:
         return "The gap is as small as the noise", text
+    if min(d.share, *(d.interval or ())) > 0.995:
+        return "More than 99 % of what can be closed", text
     between = f" [{100 * d.interval[0]:.0f}, {100 * d.interval[1]:.0f}]" if d.interval else ""
     if d.share <= 0:
         return f"Not at all on the {name} record", text

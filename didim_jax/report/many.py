@@ -20,7 +20,7 @@ from ..effects import AbstractEffect
 from ..effects.catalogue import CATALOGUE, load
 from ..errors import InputError
 from ..files import atomic_write
-from ..gap.cases import Case, diagnose_case
+from ..gap.cases import RESULTS, Case, diagnose_case
 from .write_diagnosis import write_diagnosis
 
 
@@ -109,7 +109,7 @@ def _diagnose(case: Case, folder: Path, exclude: Collection[str], effects: Path 
 def _failed(folder: Path, said: str) -> tuple[bool, str]:
     """Leave the reason in place of results."""
     folder.mkdir(parents=True, exist_ok=True)
-    for stale in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+    for stale in RESULTS:
         (folder / stale).unlink(missing_ok=True)
     with atomic_write(folder / "error.txt") as path:
         path.write_text(f"{said}\n", encoding="utf-8")

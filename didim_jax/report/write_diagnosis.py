@@ -63,8 +63,8 @@ def print_diagnosis(d: Diagnosis, folder: Path, console: Console | None = None) 
     console = console or Console()
     if d.synthetic:
         console.print(Text("SYNTHETIC data: simulated, not measured on a machine.", style="bold yellow"))
-    if "check" not in d.gap:
-        console.print(Text(UNCHECKED, style="bold yellow"))
+    for said in (*d.doubts, *(() if "check" in d.gap else (UNCHECKED,))):
+        console.print(Text(said, style="bold yellow"))
     style = {"none": "bold green", "effect": "bold blue"}.get(d.verdict, "bold yellow")
     # Text, not str: a name out of a file is no markup.
     console.print(Text.assemble((f"{BADGES[d.verdict].upper()}  ", style), (headline(d), "bold")))

@@ -80,6 +80,8 @@ def verify(study: Path, redo: str | None = None) -> list[Step]:
     The file of the step `redo`, about to be written, may be missing, or be there without a line: an interrupted command
     leaves that. Raises InputError, one line: what was tampered with.
     """
+    if not study.is_dir():
+        raise InputError(f"{study}: no such folder.")
     steps = read(study)
     path = study / LEDGER
     for number, step in enumerate(steps, 1):
