@@ -313,7 +313,8 @@ def _described(effect: Any, width: int) -> str:
     from .effects.symbols import meanings, units
 
     unit = units(effect)
-    rows = [(effect.label(), f"{effect.block.value}: {effect.equation}")]
+    law = effect.equation or " ".join((effect.__doc__ or "").split("\n\n")[0].split())
+    rows = [(effect.label(), f"{effect.block.value}: {law}")]
     for symbol, meaning in meanings(effect).items():
         rows.append((f"    {symbol}" + (f" [{unit[symbol]}]" if symbol in unit else ""), meaning))
     rows += [("    size", effect.size), ("    twins", ", ".join(effect.twins)), ("    source", effect.source)]
