@@ -486,12 +486,10 @@ def test_effects_of_a_file_come_last(desk):
     assert blocks(out)["wind"] == "wind environment: A [N] t A [N] - size - twins - source -"
     assert list(blocks(out))[-2:] == ["wind", ""]
     assert desk.files() == before
-    desk.write(
-        "my_effects.py", OWN_EFFECT.replace('    equation = "A [N] t"\n', '    """A gale,\n    from aside."""\n\n')
-    )
-    assert blocks(desk.run("effects", "--file", own)[1])["wind"].startswith(
-        "wind environment: A gale, from aside. A [N]"
-    )
+    said = OWN_EFFECT.replace('    equation = "A [N] t"\n', "")
+    desk.write("my_effects.py", said.replace("Effect):\n", 'Effect):\n    """A gale,\n    from aside."""\n\n'))
+    found = blocks(desk.run("effects", "--file", own)[1])["wind"]
+    assert found.startswith("wind environment: A gale, from aside. A [N]")
 
 
 @pytest.mark.parametrize(
