@@ -171,7 +171,7 @@ def _two_encoders(r: Recording, m: Machine) -> Iterator[Finding]:
         return
     dt = m.controller.sample_time
     v = central_difference(r.qm, dt)
-    a = LowPass.butterworth(60.0, dt)(central_difference(v, dt))
+    a = LowPass.butterworth(min(60.0, 0.2 / dt), dt)(central_difference(v, dt))
     apart = _regress([np.ones(len(r)), r.qm, r.t - r.t[0], v], r.ql - r.qm)[1]
     frequency = float(np.sqrt(np.std(a) / apart)) / (2 * np.pi) if apart > 0 else np.inf
     if apart > _ONE_BODY * m.encoder.resolution and frequency < _RIGID_HZ:
