@@ -96,7 +96,8 @@ def _where(d: Diagnosis) -> tuple[str, str]:
         words = left.words()
         return _leading(left), with_it + (f"{words[0].lower()}{words[1:]}" if with_it else words)
     head = place(d.block) if d.block else "Not bound to a place"
-    if d.where.time_s:
+    first = d.effects[0] if d.effects else ""
+    if d.where.time_s and (first == "disturbance_pulses" or "t0" in d.parameters.get(first, {})):
         head += f", {_intervals(d.where.time_s)}"
     return head, _looked_at(d)
 
@@ -242,12 +243,13 @@ def _how_far(d: Diagnosis) -> tuple[str, str]:
         text += f" What is left is {above:.1f} times the noise: not all of it is explained."
     if d.share is None:
         return "The gap is as small as the noise", text
+    closed = "of what can be closed" + (", on the fit record" if "check" in d.gap and name == "fit" else "")
     if min(d.share, *(d.interval or ())) > 0.995:
-        return "More than 99 % of what can be closed", text
+        return f"More than 99 % {closed}", text
     between = f" [{100 * d.interval[0]:.0f}, {100 * d.interval[1]:.0f}]" if d.interval else ""
     if d.share <= 0:
         return f"Not at all on the {name} record", text
-    return f"{100 * d.share:.0f} %{between} of what can be closed", text
+    return f"{100 * d.share:.0f} %{between} {closed}", text
 
 
 def _record(name: str, gap: Gap, changed: bool) -> str:
