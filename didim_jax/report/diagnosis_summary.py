@@ -52,7 +52,8 @@ def _ranking(ax: Axes, d: Diagnosis) -> None:
     if len(paired) > 1:
         low, high = paired[0] - 0.35, paired[-1] + 0.35
         ax.plot([97, 100, 100, 97], [low, low, high, high], color=_TWIN, linewidth=1.6, clip_on=False)
-        ax.text(95.5, 0.5 * (low + high), "not told\napart", ha="right", va="center", fontsize=8.5, color=INK)
+        # Outside the bracket: inside, the number beside a bar may be anywhere.
+        ax.text(102, 0.5 * (low + high), "not told apart", rotation=90, va="center", fontsize=8, color=INK)
     ax.set_yticks(np.arange(len(shown)), [_short(named(effect)) for effect, _ in shown])
     ax.set_ylim(max(len(shown), 4) - 0.4, -0.6)
     ax.set_xlim(0, 100)
