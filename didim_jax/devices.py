@@ -1,6 +1,8 @@
 """JAX on this machine: how every program sets it up, its devices, and what a process may hold."""
 
+import multiprocessing
 import os
+import threading
 from pathlib import Path
 
 _MAPS, _MOST_MAPS = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
@@ -24,6 +26,19 @@ def prepare_jax() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
     # A thread then waits for its own computation, in its own time: two threads, two cores, one compiled program.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
+def prepare_process() -> None:
+    """The same in a process that works for another one, and ends with it."""
+    prepare_jax()
+
+    def follow() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def use_every_core() -> None:

@@ -761,10 +761,7 @@ def test_a_study_is_scored_stratum_by_stratum(study: Path, monkeypatch: pytest.M
         score(study)
 
 
-def test_the_command_runs_every_step(
-    tmp_path: Path, truth: Truth, diagnosed: Counter[str], capsys: Any, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(command, "use_every_core", lambda: None)  # JAX runs already
+def test_the_command_runs_every_step(tmp_path: Path, truth: Truth, diagnosed: Counter[str], capsys: Any):
     study = str(tmp_path / "study")
     command.main(["make", study, "--quick", "--set", "workers=1"])
     for step in ("seal", "diagnose", "open"):

@@ -5,8 +5,6 @@ Most of a diagnosis is Python between short compiled runs, so that threads would
 
 import functools
 import multiprocessing
-import os
-import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -15,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ..devices import cores, prepare_jax
+from ..devices import cores, prepare_process
 from ..effects import AbstractEffect
 from ..effects.catalogue import CATALOGUE, load
 from ..errors import InputError
@@ -58,7 +56,7 @@ def diagnose_cases(
     def attempt(some: Sequence[Case], workers: int) -> None:
         """Diagnose some cases; those of a process that is killed, and what it leaves undone, go on waiting."""
         # A forked process would inherit JAX's threads' locks, held or not.
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin) as pool:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), prepare_process) as pool:
             try:
                 running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in some}
                 for future in as_completed(running):
@@ -79,19 +77,6 @@ def diagnose_cases(
         if case in waiting:
             note(case, *_failed(out / case.name, "its process was killed, most likely for want of memory"))
     return sorted(bad)
-
-
-def _begin() -> None:
-    """What a process of its own needs, once; it ends with the one that asked for it."""
-    prepare_jax()
-
-    def follow() -> None:
-        parent = multiprocessing.parent_process()
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
 
 
 def _diagnose(case: Case, folder: Path, exclude: Collection[str], effects: Path | None) -> tuple[bool, str]:

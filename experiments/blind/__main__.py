@@ -7,10 +7,11 @@ Published at once, that hash holds all that was done before it.
 
 import argparse
 import dataclasses
+import functools
 from pathlib import Path
 
 from didim_jax.config import build
-from didim_jax.devices import cores, use_every_core
+from didim_jax.devices import cores
 
 from ..data import ROOT
 from ..study import read
@@ -71,8 +72,7 @@ _STEPS = {
 def main(argv: list[str] | None = None) -> None:
     """Run one step. One line and exit status 2 for a user's mistake, and for whatever was tampered with."""
     arguments = _parser().parse_args(argv)
-    use_every_core()
-    from didim_jax.cli import program  # after the devices are settled: it starts JAX
+    from didim_jax.cli import program
 
     with program():
         _run(arguments)
@@ -133,10 +133,19 @@ def _run(arguments: argparse.Namespace) -> None:
 
         print(report(study))
     elif arguments.step == "limits":
-        from .limits import limits, print_limits
+        from ..processes import processes
+        from .limits import attempt, limits, print_limits
 
         asked = (arguments.effects, arguments.trials, arguments.spot_trials)
-        print_limits(limits(study, *asked, threads=cores(), say=lambda text: print(text, flush=True)))
+        with processes(cores()) as call:
+            found = limits(
+                study,
+                *asked,
+                one=functools.partial(call, attempt),
+                threads=cores(),
+                say=lambda text: print(text, flush=True),
+            )
+        print_limits(found)
     elif arguments.step == "real":
         from .real import print_real, real
 

@@ -36,7 +36,8 @@ from typing import Any
 import numpy as np
 import scipy.signal
 
-from didim_jax.devices import cores, use_every_core
+from didim_jax.cli import program
+from didim_jax.devices import cores
 from didim_jax.effects import SAMPLED
 from didim_jax.effects.catalogue import CATALOGUE
 from didim_jax.formats import load_recording
@@ -52,6 +53,7 @@ from didim_jax.gap.search import Searcher
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
 from didim_jax.rig import excitation
+from experiments.processes import processes
 from experiments.study import write_json
 
 from .baselines.inverse import held, second_difference
@@ -229,20 +231,26 @@ def diagnose_all(
     done: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     lock = threading.Lock()
     wanted = [case for case in cases_in(cases) if not chosen or case.name in chosen]
-    for name in ablations:
-        results = done.setdefault(name, {})
+    with processes(threads) as call:
+        for name in ablations:
+            results = done.setdefault(name, {})
 
-        def one(case: Case, name: str = name, results: dict[str, Any] = results) -> None:
-            entry = _diagnosed(case, ABLATIONS[name])
-            with lock:
-                results[case.name] = entry
-                write_json(path, done)
-            say(f"{name} {case.name}: {entry.get('verdict', entry.get('error'))} {'+'.join(entry['effects'])}")
+            def one(case: Case, name: str = name, results: dict[str, Any] = results) -> None:
+                entry = call(_without, case, name)
+                with lock:
+                    results[case.name] = entry
+                    write_json(path, done)
+                say(f"{name} {case.name}: {entry.get('verdict', entry.get('error'))} {'+'.join(entry['effects'])}")
 
-        todo = [case for case in wanted if "error" in results.get(case.name, {"error": ""})]
-        with only(ABLATIONS[name]), ThreadPoolExecutor(threads) as pool:
-            list(pool.map(one, todo))
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(one, [case for case in wanted if "error" in results.get(case.name, {"error": ""})]))
     return done
+
+
+def _without(case: Case, name: str) -> dict[str, Any]:
+    """One case under one ablation."""
+    with only(ABLATIONS[name]):
+        return _diagnosed(case, ABLATIONS[name])
 
 
 def _diagnosed(case: Case, ingredients: Ingredients) -> dict[str, Any]:
@@ -276,9 +284,6 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", choices=tuple(ABLATIONS), default=tuple(ABLATIONS), help="these ablations")
     parser.add_argument("--cases", dest="chosen", nargs="+", default=(), metavar="NAME", help="these cases")
     arguments = parser.parse_args(argv)
-    use_every_core()
-    from didim_jax.cli import program  # after the devices are settled: it starts JAX
-
     with program():
         diagnose_all(
             arguments.cases,

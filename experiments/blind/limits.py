@@ -185,6 +185,8 @@ def bound(effect: str, found: Mapping[str, Any]) -> float | None:
     stds = [estimates[name]["std"] for name in MAIN[effect].of if name in estimates]
     if len(stds) < max(len(MAIN[effect].of), 1) or not all(std and np.isfinite(std) for std in stds):
         return None
+    if any(estimates[name].get("bound") for name in MAIN[effect].of):  # it goes no further: no spread of an estimate
+        return None
     return float(np.sqrt(np.mean(np.square(stds))))
 
 

@@ -13,11 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from didim_jax.devices import cores, use_every_core
+from didim_jax.cli import program
+from didim_jax.devices import cores
 from didim_jax.formats import load_recording
 from didim_jax.gap.cases import Case, cases_in
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
+from experiments.processes import processes
 from experiments.study import write_json
 
 from . import correlation, friction_ladder, lasso, score_only, sparse_regression
@@ -63,14 +65,14 @@ def answer_all(
         ]
         if not wanted:
             return
-        answers = _answers(case, wanted)
+        answers = call(_answers, case, wanted)
         with lock:
             for name, entry in answers.items():
                 done.setdefault(name, {})[case.name] = entry
             write_json(path, done)
         say(f"{case.name}: " + ", ".join(f"{k} {'+'.join(v['effects']) or 'none'}" for k, v in answers.items()))
 
-    with ThreadPoolExecutor(threads) as pool:
+    with processes(threads) as call, ThreadPoolExecutor(threads) as pool:
         list(pool.map(one, cases_in(cases)))
     return done
 
@@ -115,9 +117,6 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, help="where baselines.json is, or will be")
     parser.add_argument("--only", nargs="+", choices=BASELINES, default=BASELINES, help="these rivals")
     arguments = parser.parse_args(argv)
-    use_every_core()
-    from didim_jax.cli import program  # after the devices are settled: it starts JAX
-
     with program():
         answer_all(arguments.cases, arguments.out, only=arguments.only, threads=cores(), say=print)
 
