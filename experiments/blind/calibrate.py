@@ -40,7 +40,10 @@ from .summary import calibration, mean
 CALIBRATED = "calibrated.json"
 
 _HELD = ("RELEVANT", "BESIDE", "PENALTY", "DRIFT")  # steers the search: another value needs other diagnoses
-SEARCHED = f"The constants of the search (hunt, search, score, noise; {', '.join(_HELD)}) are not cross-validated."
+SEARCHED = (
+    f"Not cross-validated are the constants of the search (hunt, search, score, noise; {', '.join(_HELD)}), what may "
+    "be left of the control law or of a foreign record, and the form of the rules."
+)
 _TWIN = "TWIN"
 _FOLDS = 5
 _EVALUATIONS = 600
