@@ -9,8 +9,8 @@ import numpy as np
 from ..effects import AbstractEffect
 from . import decide
 from .atlas import Atlas, atlas
-from .fit import PRIORS, Fit
-from .judge import CLOCK
+from .fit import PRIORS, Fit, Problem
+from .judge import CLOCK, at_best_instant
 from .prepared import Prepared, motion
 from .relevance import halves
 from .remainder import Remainder, remainder
@@ -245,18 +245,12 @@ def _settle(searcher: Searcher, before: Fit, best: Refit, adopted: tuple[str, ..
 
 def _at_best_instant(searcher: Searcher, fit: Fit, name: str) -> list[np.ndarray]:
     """x of every record with one instant shifted to where it leaves least."""
-    model, out = searcher.model, []
     # An instant that was found for one record is a guess of another's, by as much as clocks differ.
     shifts = np.linspace(-0.4, 0.4, 32) if len(searcher.records) == 1 else np.linspace(-CLOCK, CLOCK, 76)
-    for p, x, filters in zip(searcher.records, fit.xs, searcher.whitening, strict=True):
-        at = model.decode(x)[name]
-        trials = [model.encode(x, {name: at + shift}) for shift in shifts]
-        costs = []
-        for outputs in searcher.side_by_side(p.model.run, trials):
-            rows = [w(c.observed - p.filtered(outputs, c)) for c, w in zip(p.channels, filters, strict=True)]
-            costs.append(sum(float(r @ r) for r in rows))
-        out.append(trials[int(np.nanargmin(costs))])
-    return out
+    return [
+        at_best_instant(Problem([p], [whitening]), x, name, shifts, searcher.side_by_side)
+        for p, x, whitening in zip(searcher.records, fit.xs, searcher.whitening, strict=True)
+    ]
 
 
 def _eliminate(

@@ -9,6 +9,7 @@ from ..effects import AbstractEffect
 from .fit import Fit, Problem
 from .noise import Whitening
 from .prepared import Prepared
+from .score import Each, in_turn
 
 CLOCK = 0.95
 """Seconds by which the clocks of two runs may differ: a record begins up to 0.9 s after its machine's own run."""
@@ -50,12 +51,17 @@ def judge(record: Prepared, x: np.ndarray, effects: Sequence[AbstractEffect], si
 
 def _clock(problem: Problem, x: np.ndarray, name: str, start: Sequence[int]) -> np.ndarray:
     """x with one instant moved to where this record has it."""
+    moved = at_best_instant(problem, x, name, np.linspace(-CLOCK, CLOCK, 64))
+    fit = problem.solve(moved, [*start, problem.records[0].model.index[name]], evaluations=12)
+    return fit.xs[0]
+
+
+def at_best_instant(problem: Problem, x: np.ndarray, name: str, shifts: np.ndarray, each: Each = in_turn) -> np.ndarray:
+    """x with one instant moved by the shift (s) that leaves least of a record; `each` runs the trials."""
     model = problem.records[0].model
     at = model.decode(x)[name]
-    trials = [model.encode(x, {name: at + shift}) for shift in np.linspace(-CLOCK, CLOCK, 64)]
-    best = min(zip(_costs(problem, trials), range(len(trials)), strict=True))[1]
-    fit = problem.solve(trials[best], [*start, model.index[name]], evaluations=12)
-    return fit.xs[0]
+    trials = [model.encode(x, {name: at + shift}) for shift in shifts]
+    return trials[int(np.argmin(_costs(problem, trials, each)))]
 
 
 def _absent(problem: Problem, x: np.ndarray, start: Sequence[int], moved: dict[str, float]) -> np.ndarray:
@@ -91,11 +97,9 @@ def _phase(
     return x
 
 
-def _costs(problem: Problem, trials: Sequence[np.ndarray]) -> list[float]:
-    p = problem.records[0]
-    outputs = p.model.batch(np.array(trials))
+def _costs(problem: Problem, trials: Sequence[np.ndarray], each: Each = in_turn) -> list[float]:
     costs = []
-    for out in outputs:
+    for out in each(problem.records[0].model.run, trials):
         cost = float(np.sum(problem.whitened(problem.residuals([out])) ** 2))
         costs.append(cost if np.isfinite(cost) else np.inf)
     return costs
