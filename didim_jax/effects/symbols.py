@@ -1,7 +1,6 @@
 """What the symbols in an effect's law mean, its parameters first of all, in a few words each."""
 
-import dataclasses
-
+from ..params import parameters
 from ._base import AbstractEffect
 
 COMMON = (
@@ -126,8 +125,7 @@ _MEANINGS = {
 
 def units(effect: type[AbstractEffect]) -> dict[str, str]:
     """Unit of each parameter, by its name."""
-    fields = dataclasses.fields(effect)
-    return {field.name: field.metadata["param"]["unit"] for field in fields if "param" in field.metadata}
+    return {parameter.name: parameter.unit for parameter in parameters(effect())}
 
 
 def meanings(effect: type[AbstractEffect]) -> dict[str, str]:

@@ -132,7 +132,8 @@ class Searcher:
 
     def columns(self, fit: Fit) -> list[int]:
         """Place of each of the first columns of its Jacobian: what all records share, then what is the first one's."""
-        return [*self.shared(fit), *(i for i in fit.chosen if i in self.own | set(self.model.of("start")))]
+        shared = self.shared(fit)
+        return [*shared, *(i for i in fit.chosen if i not in shared)]
 
     def _acting(self, effect: str, fit: Fit) -> int:
         """How many parameters of an effect change anything on these records."""
