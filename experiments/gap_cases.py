@@ -21,7 +21,7 @@ from didim_jax.config import CONFIG
 
 from .blind.calibrate import SEARCHED, Seen, compared, figures
 from .blind.judge import blank_row, judge
-from .blind.plan import TWINS
+from .blind.plan import with_twins
 from .data import gap_folder
 from .study import main, write_json
 
@@ -63,8 +63,7 @@ def _left_out(answers: dict[str, Any]) -> dict[str, tuple[str, ...]]:
     out = {}
     for case, answer in answers.items():
         if len(answer["effects"]) == 1 and answer["effects"] != ["drive_gain"]:
-            own = answer["effects"][0]
-            out[case] = tuple(sorted({own}.union(*(pair for pair in TWINS if own in pair))))
+            out[case] = tuple(sorted(with_twins(answer["effects"][0])))
     return out
 
 

@@ -34,7 +34,7 @@ from didim_jax.gap.verdict import FOREIGN, Findings, Quality, conclude
 from ..study import write_json
 from .judge import Row, blank_row, judge
 from .layout import ANSWERS, DIAGNOSES, LEDGER, OPENED, SEALS, case_names, read_json
-from .plan import TWINS
+from .plan import with_twins
 from .summary import calibration, mean
 
 CALIBRATED = "calibrated.json"
@@ -111,11 +111,7 @@ class Seen:
     @property
     def kinds(self) -> tuple[str, ...]:
         """What it holds: its effects, those left out of the catalogue too, twins as one; without any, itself."""
-        return tuple(_kind(name.removeprefix("x_")) for name in self.blank.truth) or (self.blank.case,)
-
-
-def _kind(effect: str) -> str:
-    return min({effect}.union(*(pair for pair in TWINS if effect in pair)))
+        return tuple(min(with_twins(name.removeprefix("x_"))) for name in self.blank.truth) or (self.blank.case,)
 
 
 def _evidence(step: Mapping[str, Any]) -> decide.Evidence:

@@ -26,6 +26,12 @@ TWINS = (
 )
 """Effects that a motor-side record often cannot tell apart: either may be answered as the other where both are said."""
 
+
+def with_twins(effect: str) -> set[str]:
+    """The effect and its twins."""
+    return {effect}.union(*(pair for pair in TWINS if effect in pair))
+
+
 CONTROLLER = {"position_gain", "velocity_gain", "velocity_filter"}
 
 FLEXIBLE_ONLY = {
