@@ -1,16 +1,14 @@
-"""Work in processes of its own: most of a diagnosis is Python, which threads would wait for in turn."""
+"""Calls that are answered in processes of their own, for work that is done in threads of this one."""
 
-import multiprocessing
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-from didim_jax.devices import prepare_process
+from didim_jax.processes import processes
 
 
 @contextmanager
-def processes(workers: int) -> Iterator[Callable[..., Any]]:
+def calls(workers: int) -> Iterator[Callable[..., Any]]:
     """A way to call a function of a module in one of several processes; a single one is this process itself.
 
     A call waits for its result: as many threads as there are processes keep all of them at work.
@@ -18,12 +16,5 @@ def processes(workers: int) -> Iterator[Callable[..., Any]]:
     if workers == 1:
         yield lambda work, *arguments: work(*arguments)
         return
-    # A forked process would inherit JAX's threads' locks, held or not.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), prepare_process) as pool:
-        try:
-            yield lambda work, *arguments: pool.submit(work, *arguments).result()
-        except BaseException:  # interrupted: what runs would be waited for
-            for process in multiprocessing.active_children():
-                process.terminate()
-            pool.shutdown(cancel_futures=True)
-            raise
+    with processes(workers) as pool:
+        yield lambda work, *arguments: pool.submit(work, *arguments).result()

@@ -4,12 +4,12 @@ import os
 
 import pytest
 
-from experiments.processes import processes
+from experiments.processes import calls
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_call_gives_what_the_function_gives(workers):
-    with processes(workers) as call:
+    with calls(workers) as call:
         assert call(divmod, 17, 5) == (3, 2)
         assert (call(os.getpid) == os.getpid()) == (workers == 1)
         with pytest.raises(ZeroDivisionError):

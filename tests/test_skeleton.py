@@ -16,7 +16,7 @@ PACKAGE = ROOT / "didim_jax"
 # A module may import from its own floor or from a lower one.
 FLOORS = {
     0: "_types params recording formats files config errors machine hygiene benchmark signals reference devices",
-    1: "effects plant control plant_file solver",
+    1: "effects plant control plant_file solver processes",
     2: "chain sliding simulate idm statistics rig synthesize",
     3: "identify",
     4: "sweep gap",

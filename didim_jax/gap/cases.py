@@ -51,8 +51,11 @@ def outline(path: Path, machine: Machine) -> Recording:
     )
 
 
-RESULTS = ("diagnosis.json", "prediction.json", "simulation.npz", "report.html")
-"""Files that a diagnosis leaves in its folder."""
+def clear(folder: Path) -> None:
+    """Remove what a diagnosis leaves in its folder; a folder of such a name is a user's, and stays."""
+    for name in ("diagnosis.json", "prediction.json", "simulation.npz", "report.html"):
+        if (folder / name).is_file():
+            (folder / name).unlink()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,8 +103,7 @@ def diagnose_case(
     forget_programs()
     machine = Machine.load(case.machine)
     recordings = [load_recording(path, gain=machine.drive.gain) for path in case.fits]
-    for stale in RESULTS:  # no folder holds results of two runs
-        (out / stale).unlink(missing_ok=True)
+    clear(out)  # no folder holds results of two runs
 
     def open_check(predicted: float) -> Recording:
         assert case.check is not None

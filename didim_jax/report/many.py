@@ -1,24 +1,22 @@
-"""Many cases, each in a folder of its own, side by side in processes of their own.
+"""Many cases, each in a folder of its own, side by side in processes of their own."""
 
-Most of a diagnosis is Python between short compiled runs, so that threads would wait for each other.
-"""
-
+import contextlib
 import functools
-import multiprocessing
 from collections.abc import Callable, Collection, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from ..devices import cores, prepare_process
+from ..devices import cores
 from ..effects import AbstractEffect
 from ..effects.catalogue import CATALOGUE, load
 from ..errors import InputError
 from ..files import atomic_write
-from ..gap.cases import RESULTS, Case, diagnose_case
+from ..gap.cases import Case, clear, diagnose_case
+from ..processes import processes
 from .write_diagnosis import write_diagnosis
 
 
@@ -55,21 +53,12 @@ def diagnose_cases(
 
     def attempt(some: Sequence[Case], workers: int) -> None:
         """Diagnose some cases; those of a process that is killed, and what it leaves undone, go on waiting."""
-        # A forked process would inherit JAX's threads' locks, held or not.
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), prepare_process) as pool:
-            try:
-                running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in some}
-                for future in as_completed(running):
-                    good, line = future.result()
-                    waiting.remove(running[future])
-                    note(running[future], good, line)
-            except BrokenProcessPool:
-                return
-            except BaseException:  # interrupted: what runs would be waited for
-                for process in multiprocessing.active_children():
-                    process.terminate()
-                pool.shutdown(cancel_futures=True)
-                raise
+        with contextlib.suppress(BrokenProcessPool), processes(workers) as pool:
+            running = {pool.submit(_diagnose, c, out / c.name, without(c), effects): c for c in some}
+            for future in as_completed(running):
+                good, line = future.result()
+                waiting.remove(running[future])
+                note(running[future], good, line)
 
     attempt(cases, min(workers, len(cases)))
     for case in tuple(waiting):  # one at a time, to tell the case that kills its process from those beside it
@@ -94,8 +83,7 @@ def _diagnose(case: Case, folder: Path, exclude: Collection[str], effects: Path 
 def _failed(folder: Path, said: str) -> tuple[bool, str]:
     """Leave the reason in place of results."""
     folder.mkdir(parents=True, exist_ok=True)
-    for stale in RESULTS:
-        (folder / stale).unlink(missing_ok=True)
+    clear(folder)
     with atomic_write(folder / "error.txt") as path:
         path.write_text(f"{said}\n", encoding="utf-8")
     return False, f"unusable: {said}"

@@ -133,11 +133,11 @@ def _run(arguments: argparse.Namespace) -> None:
 
         print(report(study))
     elif arguments.step == "limits":
-        from ..processes import processes
+        from ..processes import calls
         from .limits import attempt, limits, print_limits
 
         asked = (arguments.effects, arguments.trials, arguments.spot_trials)
-        with processes(cores()) as call:
+        with calls(cores()) as call:
             found = limits(
                 study,
                 *asked,

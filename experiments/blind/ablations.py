@@ -53,7 +53,7 @@ from didim_jax.gap.search import Searcher
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
 from didim_jax.rig import excitation
-from experiments.processes import processes
+from experiments.processes import calls
 from experiments.study import write_json
 
 from .baselines.inverse import held, second_difference
@@ -231,7 +231,7 @@ def diagnose_all(
     done: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     lock = threading.Lock()
     wanted = [case for case in cases_in(cases) if not chosen or case.name in chosen]
-    with processes(threads) as call:
+    with calls(threads) as call:
         for name in ablations:
             results = done.setdefault(name, {})
 

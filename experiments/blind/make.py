@@ -5,18 +5,16 @@ The plan and every answer lie in `answers`, which is not to be published before 
 
 import dataclasses
 import functools
-import multiprocessing
 import secrets
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from didim_jax.errors import InputError
+from didim_jax.processes import processes
 from didim_jax.report import prepare_folder
 
 from ..study import write_json
@@ -109,6 +107,5 @@ def _side_by_side(one: Callable[[Planned], str], todo: Iterable[Planned], worker
     if workers == 1:
         yield from map(one, todo)
         return
-    fresh: Any = multiprocessing.get_context("spawn")  # a fork would inherit half of JAX
-    with ProcessPoolExecutor(workers, mp_context=fresh) as pool:
+    with processes(workers) as pool:
         yield from pool.map(one, todo)

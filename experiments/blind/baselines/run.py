@@ -19,7 +19,7 @@ from didim_jax.formats import load_recording
 from didim_jax.gap.cases import Case, cases_in
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
-from experiments.processes import processes
+from experiments.processes import calls
 from experiments.study import write_json
 
 from . import correlation, friction_ladder, lasso, score_only, sparse_regression
@@ -72,7 +72,7 @@ def answer_all(
             write_json(path, done)
         say(f"{case.name}: " + ", ".join(f"{k} {'+'.join(v['effects']) or 'none'}" for k, v in answers.items()))
 
-    with processes(threads) as call, ThreadPoolExecutor(threads) as pool:
+    with calls(threads) as call, ThreadPoolExecutor(threads) as pool:
         list(pool.map(one, cases_in(cases)))
     return done
 
