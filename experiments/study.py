@@ -106,18 +106,19 @@ def commit() -> str | None:
 def write_json(path: Path, value: Any) -> None:
     """Write JSON under a temporary name, then rename. Not-a-number becomes null; dataclasses and NumPy go too."""
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(_plain(value), indent=2, allow_nan=False), encoding="utf-8")
+        temporary.write_text(json.dumps(plain(value), indent=2, allow_nan=False), encoding="utf-8")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """As `write_json` writes it and a reader finds it."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _plain(dataclasses.asdict(value))
+        return plain(dataclasses.asdict(value))
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if (isinstance(value, float) and value != value) or value in (float("inf"), float("-inf")):
         return None
     return value

@@ -96,6 +96,8 @@ def _parser() -> argparse.ArgumentParser:
             step.add_argument("--effects", nargs="+", default=[], metavar="EFFECT", help="these alone (all)")
             step.add_argument("--trials", type=int, default=24, help="of each effect (24)")
             step.add_argument("--spot-trials", type=int, default=4, help="at each limit at another noise level (4)")
+        if name == "verify":
+            step.add_argument("--head", metavar="HASH", help="a published hash, that of a line of the ledger")
         if name == "calibrate":
             step.add_argument("--open", action="store_true", help="give up the blind figures of an opened study")
     return parser
@@ -156,9 +158,12 @@ def _run(arguments: argparse.Namespace) -> None:
 
         print_calibration(calibrate(study, arguments.open))
     else:
+        from . import ledger
         from .opening import verify_all
 
-        print(verify_all(study))
+        print(verify_all(study, arguments.head))
+        if steps := ledger.read(study):
+            print(f"ledger: {ledger.head(steps)}")
 
 
 def _print_head(head: str) -> None:

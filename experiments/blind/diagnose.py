@@ -4,6 +4,7 @@ Stopped, it goes on where it was. What was committed may be added to, never chan
 """
 
 from pathlib import Path
+from typing import Any
 
 from didim_jax.errors import InputError
 from didim_jax.report import prepare_folder
@@ -25,30 +26,36 @@ def diagnose(study: Path) -> str:
 
     Raises InputError: not sealed, opened already, a record that is not the one sealed, a result changed by hand.
     """
-    verify(study, redo="diagnose")
+    steps = verify(study, redo="diagnose")
     require(study, "diagnose")
     names = verify_public(study)
     out = prepare_folder(study / DIAGNOSES)
-    if (study / RESULTS).exists():
-        verify_results(study, complete=False)
+    before: list[str | None] = []
+    if (study / RESULTS).exists() or any(step.step == "diagnose" for step in steps):
+        before = verify_results(study, complete=False)["commits"]
     todo = [name for name in names if not (out / name / "diagnosis.json").exists()]
-    commits = _commits(out / _COMMITS, bool(todo))
+    commits = _commits(out / _COMMITS, before, bool(todo))
     if todo:
         _diagnose(study / CASES, set(todo), out)
     write_json(study / RESULTS, {"commits": commits, "cases": {name: _hashes(out / name) for name in names}})
     return commit(study, "diagnose")
 
 
-def verify_results(study: Path, complete: bool = True) -> None:
-    """Raises InputError: which file is not what results.json holds. A missing one is to be made if not `complete`."""
-    for name, files in read_json(study / RESULTS, "the results; run diagnose first")["cases"].items():
-        for file, value in files.items():
-            path = study / DIAGNOSES / name / file
-            now = file_digest(path)
-            retried = not complete and (now is None or "diagnosis.json" not in files)
-            if now != value and not retried:
-                what = "is missing" if now is None else "was changed"
-                raise InputError(f"{path}: {what} since the results were committed.")
+def verify_results(study: Path, complete: bool = True) -> dict[str, Any]:
+    """results.json, if every file of a diagnosis is what it holds, and none came to it.
+
+    Unless `complete`, a case whose diagnosis failed may be tried again. Raises InputError: which file is not as it was.
+    """
+    results: dict[str, Any] = read_json(study / RESULTS, "the results; run diagnose first")
+    for name, files in results["cases"].items():
+        if not complete and "diagnosis.json" not in files:
+            continue
+        now = _hashes(study / DIAGNOSES / name)
+        for file in sorted(set(files) | set(now)):
+            if now.get(file) != files.get(file):
+                what = "is missing" if file not in now else "was changed" if file in files else "was added"
+                raise InputError(f"{study / DIAGNOSES / name / file}: {what} since the results were committed.")
+    return results
 
 
 def _diagnose(cases: Path, todo: set[str], out: Path) -> None:
@@ -58,9 +65,10 @@ def _diagnose(cases: Path, todo: set[str], out: Path) -> None:
     diagnose_under_bar([case for case in cases_in(cases) if case.name in todo], out)
 
 
-def _commits(path: Path, working: bool) -> list[str | None]:
-    """Every commit of the project that diagnosed a part of this study, this one last."""
+def _commits(path: Path, before: list[str | None], working: bool) -> list[str | None]:
+    """Every commit of the project that diagnosed a part of this study, those `before` too, this one last."""
     known: list[str | None] = read_json(path, "commits that diagnosed") if path.exists() else []
+    known = [*before, *(one for one in known if one not in before)]
     now = commit_of_project()
     if working and now not in known:
         known.append(now)

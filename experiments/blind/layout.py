@@ -12,6 +12,7 @@ ANSWERS = "answers"
 DIAGNOSES = "diagnoses"
 
 SEALS = "seals.json"
+PLAN = "plan.json"
 LEDGER = "ledger.jsonl"
 RESULTS = "results.json"
 BASELINES = "baselines.json"

@@ -18,10 +18,8 @@ from didim_jax.processes import processes
 from didim_jax.report import prepare_folder
 
 from ..study import write_json
-from .layout import CASES, PUBLIC, SEALS, read_json
+from .layout import CASES, PLAN, PUBLIC, SEALS, read_json
 from .plan import Config, Planned, draw
-
-PLAN = "plan.json"
 
 _TRIES = 5
 

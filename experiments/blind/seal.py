@@ -16,9 +16,10 @@ and runs `seal` on it. An answer is a JSON object:
                 "before": {"check": the gap with the nominal parameters}; optional
                 "parameters": {effect: {name: {"value": number}}}, or the number alone, SI; optional
 
-`seals.json` then holds of each case SHA-256(salt, as 32 bytes, then the object without its salt in canonical JSON: keys
-sorted, no spaces, ASCII) and the SHA-256 of each public file. It is published; the folder without the answers goes to
-whoever diagnoses, and `open --answers DIR` is run when the results are committed.
+`seals.json` then holds of each case SHA-256(salt, as 32 bytes, then the object without its salt in canonical JSON:
+keys sorted, no spaces, ASCII) and the SHA-256 of each public file; and of answers/plan.json, if `make` left one:
+cases of the plan that are not sealed would show, and its seed makes all of them anew. It is published; the folder
+without the answers goes to whoever diagnoses, and `open --answers DIR` is run when the results are committed.
 """
 
 import re
@@ -29,9 +30,9 @@ from typing import Any
 from didim_jax.errors import InputError
 
 from ..study import write_json
-from .layout import CASES, PUBLIC, SEALS, canonical, case_names, digest, file_digest, read_json
+from .layout import CASES, DIAGNOSES, PLAN, PUBLIC, SEALS, canonical, case_names, digest, file_digest, read_json
 from .ledger import commit, require, verify
-from .make import PLAN, new_salt
+from .make import new_salt
 
 
 def seal(study: Path, answers: Path) -> str:
@@ -39,6 +40,8 @@ def seal(study: Path, answers: Path) -> str:
     verify(study, redo="seal")
     require(study, "seal")
     names = case_names(study)
+    if (study / DIAGNOSES).exists():
+        raise InputError(f"{study / DIAGNOSES}: there are diagnoses before there is a seal; move them away.")
     _complete(study, answers, names)
     cases = {}
     for name in names:
@@ -47,7 +50,7 @@ def seal(study: Path, answers: Path) -> str:
         if missing := [file for file, value in files.items() if value is None]:
             raise InputError(f"{study / CASES / name}: {missing[0]} is missing.")
         cases[name] = {"answer": sealed(document), "files": files}
-    write_json(study / SEALS, {"schema": 1, "cases": cases})
+    write_json(study / SEALS, {"schema": 1, "plan": file_digest(answers / PLAN), "cases": cases})
     return commit(study, "seal")
 
 
@@ -87,6 +90,15 @@ def verify_answers(study: Path, documents: Mapping[str, Mapping[str, Any]]) -> N
             raise InputError(f"{name}: its answer is missing.")
         if sealed(documents[name]) != case["answer"]:
             raise InputError(f"{name}: its answer, stratum or salt was changed since it was sealed.")
+
+
+def verify_plan(study: Path, path: Path) -> bool:
+    """Whether there is a sealed plan, and `path` is it. Raises InputError: one that was changed or is missing."""
+    expected = read_json(study / SEALS, "the seals; run seal first").get("plan")
+    now = file_digest(path)
+    if expected is not None and now != expected:
+        raise InputError(f"{path}: the plan {'is missing' if now is None else 'was changed'} since it was sealed.")
+    return expected is not None
 
 
 def read_answers(study: Path, answers: Path) -> dict[str, dict[str, Any]]:
