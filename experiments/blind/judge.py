@@ -10,6 +10,7 @@ import scipy.io
 import scipy.signal
 
 from .layout import CASES, DIAGNOSES, read_json
+from .main_parameter import MAIN, Main
 from .plan import ALIAS, TWINS
 
 _FRICTION = (
@@ -27,7 +28,7 @@ _BLOCKS = {
     ("environment",): "offset cable_spring disturbance_pulses",
 }
 BLOCKS = {name: set(blocks) for blocks, names in _BLOCKS.items() for name in names.split()}
-"""Effect to the blocks of the loop that it may be reported in."""
+"""Effect to the blocks of the loop that it may be reported in: of friction either side, few records tell them apart."""
 
 NONE: tuple[str, ...] = ("none",)
 OTHER: tuple[str, ...] = ("other",)
@@ -85,8 +86,8 @@ class Row:
 
     @property
     def visible(self) -> bool:
-        """Whether the gap stands out of the noise on the check record."""
-        return self.before is not None and self.floor is not None and self.before > VISIBLE * self.floor
+        """Whether the gap stands out of the noise on the check record; of a case that failed, it is taken to."""
+        return self.before is None or self.floor is None or self.before > VISIBLE * self.floor
 
     @property
     def named(self) -> bool:
@@ -100,22 +101,21 @@ def row(study: Path, case: str, sealed: Mapping[str, Any]) -> Row:
     blank = blank_row(case, sealed)
     try:
         document = read_json(study / DIAGNOSES / case / "diagnosis.json", "the diagnosis")
+        foreseen = read_json(study / DIAGNOSES / case / "prediction.json", "what was predicted")
         with np.load(study / DIAGNOSES / case / "simulation.npz", allow_pickle=False) as simulation:
             before, after = (
                 gap(study / CASES / case / "check.mat", simulation, stage) for stage in ("before", "after")
             )
         judged = judge(blank, document)
-        block = document.get("block")
-        predicted = document["gap"]["check"].get("predicted_after")
+        predicted = foreseen["check"]["predicted_after"]
         floor = answer["floor"]["check"]
         before = answer.get("before", {}).get("check", before)
         worth = blank.inside and before > _WORTH_CLOSING * floor
         return dataclasses.replace(
             judged,
-            block=block in BLOCKS.get(blank.target[0], {block}),
+            block=block_right(blank.target[0], answer, document.get("block")),
             before=before,
             after=after,
-            floor=floor,
             closed=min((before**2 - after**2) / (before**2 - floor**2), 1.0) if worth else None,
             over_floor=after / floor if floor > 0 else None,
             predicted=predicted is not None and abs(predicted / after - 1) <= _PREDICTED,
@@ -137,7 +137,15 @@ def blank_row(case: str, sealed: Mapping[str, Any]) -> Row:
         noise=sealed.get("noise"),
         load_encoder=sealed.get("load_encoder"),
         model=sealed.get("model"),
+        floor=sealed["answer"].get("floor", {}).get("check"),
     )
+
+
+def block_right(effect: str, answer: Mapping[str, Any], block: str | None) -> bool:
+    """Whether the effect may be reported there: pulses by where they enter, which the answer may say."""
+    allowed = BLOCKS.get(effect, {block})
+    told = answer.get("block", {}).get(effect)
+    return block in (allowed if told is None or len(allowed) > 1 else {told})
 
 
 def target(effects: Sequence[str]) -> tuple[str, ...]:
@@ -210,15 +218,32 @@ def gap(check: Path, simulation: Mapping[str, np.ndarray], stage: str) -> float:
 
 
 def parameter_errors(document: Mapping[str, Any], answer: Mapping[str, Any]) -> tuple[float, ...]:
-    """|value / true - 1| of every effect's parameter that answer and diagnosis both have under the same name."""
+    """|value / true - 1| of the main parameter of every effect that is in answer and diagnosis with one meaning.
+
+    Of a sine and a cosine the amplitude counts. An answer that does not have the parameter under that name is compared
+    by names.
+    """
     errors = []
     for effect, true in answer.get("parameters", {}).items():
         if not isinstance(true, Mapping):
             continue
         found = document.get("parameters", {}).get(effect, {})
-        for name in sorted(set(true) & set(found)):
-            value, right = found[name]["value"], true[name]
-            right = right.get("value") if isinstance(right, Mapping) else right
+        main = MAIN.get(effect)
+        if main is not None and main.name in true:
+            pairs = [(main.name, estimate(main, found))]
+        else:
+            pairs = [(name, found[name]["value"]) for name in sorted(set(true) & set(found))]
+        for name, value in pairs:
+            told = true[name]
+            right = told.get("value") if isinstance(told, Mapping) else told
             if isinstance(value, int | float) and isinstance(right, int | float) and right:
                 errors.append(abs(value / right - 1))
     return tuple(errors)
+
+
+def estimate(main: Main, found: Mapping[str, Any]) -> float | None:
+    """The main parameter in a diagnosis; None where it has none in that unit."""
+    parts = [found[name] for name in main.of if name in found]
+    if not parts or len(parts) < len(main.of) or any(part.get("unit") != main.unit for part in parts):
+        return None
+    return float(parts[0]["value"] if len(parts) == 1 else np.hypot(*(part["value"] for part in parts)))

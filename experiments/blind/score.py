@@ -4,24 +4,24 @@
 encoder, model and effect), `confusion`, `calibration`, `baselines` and, of each case, `rows`.
 """
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from didim_jax.errors import InputError
 
-from ..study import write_json
+from ..study import commit as commit_of_project
+from ..study import plain, write_json
 from .diagnose import verify_results
-from .headline import headline
-from .intervals import bootstrap
+from .headline import headline, lead
 from .judge import Row, blank_row, judge, row
 from .layout import BASELINES, OPENED, SCORE, read_json
-from .ledger import commit, require, verify
+from .ledger import Step, commit, require, verify
 from .plan import STRATA
 from .seal import verify_answers, verify_public
-from .summary import by, calibration, correct, mean, summary
+from .summary import by, calibration, correct, summary
 
 
 def score(study: Path) -> dict[str, Any]:
@@ -32,6 +32,16 @@ def score(study: Path) -> dict[str, Any]:
     verify_results(study)
     answers = read_json(study / OPENED, "the answers; run open first")
     verify_answers(study, answers)
+    document = {"commit": commit_of_project(), **judged(study, steps)}
+    write_json(study / SCORE, document)
+    commit(study, "score")
+    written: dict[str, Any] = read_json(study / SCORE, "the score")
+    return written
+
+
+def judged(study: Path, steps: Sequence[Step]) -> dict[str, Any]:
+    """What blind.json holds of an opened study, but the commit that judged."""
+    answers = read_json(study / OPENED, "the answers; run open first")
     rows = [row(study, case, answers[case]) for case in sorted(answers)]
     rivals = baselines(study / BASELINES, answers)
     document = {
@@ -45,17 +55,31 @@ def score(study: Path) -> dict[str, Any]:
         },
         "rows": rows,
     }
-    write_json(study / SCORE, document)
-    commit(study, "score")
-    written: dict[str, Any] = read_json(study / SCORE, "the score")
-    return written
+    return dict(plain(document))
+
+
+def differs(one: Any, other: Any, where: str = "") -> str | None:
+    """The first place where two JSON values are not the same but for rounding; None: nowhere."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        if set(one) != set(other):
+            return where or "its keys"
+        places = ((f"{where}.{key}".strip("."), one[key], other[key]) for key in one)
+    elif isinstance(one, list) and isinstance(other, list):
+        if len(one) != len(other):
+            return where
+        places = ((f"{where}[{k}]", *both) for k, both in enumerate(zip(one, other, strict=True)))
+    elif isinstance(one, float) and isinstance(other, float):
+        return None if math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12) else where
+    else:
+        return None if one == other else where
+    return next((found for place, *both in places if (found := differs(*both, place)) is not None), None)
 
 
 def baselines(path: Path, answers: Mapping[str, Any]) -> dict[str, list[Row]]:
     """Of each rival a row a case, if there are rivals: {method: {case: {"effects", "ranking", "verdict"?}}}.
 
-    One that gives no verdict says `effect` where it names something and `none` where it does not. A case without an
-    answer, or with an "error", is answered wrongly. Raises InputError: an answer that cannot be judged.
+    One that gives no verdict says `effect` where it names something and `none` where it does not. A case with an
+    "error" is answered wrongly. Raises InputError: a case without an answer, or one that cannot be judged.
     """
     if not path.exists():
         return {}
@@ -64,22 +88,29 @@ def baselines(path: Path, answers: Mapping[str, Any]) -> dict[str, list[Row]]:
         out[method] = []
         for case in sorted(answers):
             blank = blank_row(case, answers[case])
-            said = theirs.get(case, {"error": "missing"})
-            if "error" not in said:
-                verdict = {"verdict": "effect" if said["effects"] else "none"}
-                try:
-                    blank = judge(blank, verdict | said)
-                except (KeyError, ValueError) as error:
-                    raise InputError(f"{path}: {method}, {case}: {error}.") from None
-            out[method].append(blank)
+            if case not in theirs:
+                raise InputError(f"{path}: {method} has not answered {case}; run the baselines to their end.")
+            try:
+                out[method].append(_of_rival(blank, theirs[case]))
+            except Exception as error:  # another team's file: whatever is wrong with it
+                raise InputError(f"{path}: {method}, {case}: {type(error).__name__}: {error}.") from None
     return out
 
 
+def _of_rival(blank: Row, said: Mapping[str, Any]) -> Row:
+    if "error" in said:
+        return dataclasses.replace(blank, note=str(said["error"]))
+    return judge(blank, {"verdict": "effect" if said["effects"] else "none"} | said)
+
+
 def baseline_summary(rows: Sequence[Row], theirs: Sequence[Row]) -> dict[str, Any]:
-    """A rival by stratum, and how far the diagnosis is ahead of it on the same cases, in accepted."""
+    """A rival by stratum, and how far the diagnosis is ahead of it on the same cases: accepted, and exact."""
     strata = {}
     for name, some in by(theirs, lambda r: r.stratum, STRATA).items():
         ours = [r for r in rows if r.stratum == name]
-        ahead = [float(a.accepted) - float(b.accepted) for a, b in zip(ours, some, strict=True)]
-        strata[name] = {**correct(some), "ahead": mean(ahead), "interval": bootstrap(ahead, np.mean)}
+        strata[name] = {
+            **correct(some),
+            **lead([r.accepted for r in ours], [r.accepted for r in some]),
+            "exact_lead": lead([r.exact for r in ours], [r.exact for r in some]),
+        }
     return {"strata": strata, "calibration": calibration([r for r in theirs if r.kind != "several"])}
