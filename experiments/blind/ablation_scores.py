@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .intervals import bootstrap, rate
+from .intervals import lead_interval, rate
 from .judge import agreement
 
 WORDS = {
@@ -58,9 +58,11 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
             Ablated(
                 name,
                 rate([*right[name].values()]).as_json(),
-                rate([said.get("verdict", "none") != "none" for said in quiet]).as_json(),
+                rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
                 float(np.mean(behind)) if behind and name != "complete" else None,
-                bootstrap(behind, np.mean) if name != "complete" else None,
+                lead_interval([complete[case] for case in both], [right[name][case] for case in both])
+                if name != "complete"
+                else None,
                 float(np.median(seconds)) if seconds else None,
                 sum("error" in said for said in judged.values()),
             )

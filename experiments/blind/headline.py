@@ -4,9 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from .intervals import Rate, bootstrap, claim, rate
+from .intervals import Rate, claim, lead_interval, rate
 from .judge import VISIBLE, Row
 from .summary import calibration, mean, quantile
 
@@ -80,15 +78,28 @@ def _quantities(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _ahead(rows: Sequence[Row], rivals: Mapping[str, Sequence[Row]]) -> list[dict[str, Any]]:
-    """Points ahead of the best rival, single effects of typical size, on the same cases."""
+    """Points ahead of the best rival, single effects of typical size, on the same cases.
+
+    In accepted, where only what can say that two effects are one group gains by it; and in exact, where none can.
+    """
     ours = [r for r in rows if r.stratum == "single"]
     theirs = {name: [r for r in some if r.stratum == "single"] for name, some in rivals.items()}
     if not ours or not theirs:
         return []
-    best = max(theirs, key=lambda name: sum(r.accepted for r in theirs[name]))
-    ahead = [float(a.accepted) - float(b.accepted) for a, b in zip(ours, theirs[best], strict=True)]
-    what = f"accepted, ahead of the best baseline ({best})"
-    return [_quantity(what, mean(ahead), bootstrap(ahead, np.mean), len(ahead), Target(0.05, 0.15))]
+    found = []
+    for which in ("accepted", "exact"):
+        hits = {name: [bool(getattr(r, which)) for r in some] for name, some in theirs.items()}
+        best = max(hits, key=lambda name: sum(hits[name]))
+        ahead = lead([bool(getattr(r, which)) for r in ours], hits[best])
+        what = f"{which}, ahead of the best baseline ({best})"
+        found.append(_quantity(what, ahead["ahead"], ahead["interval"], len(ours), Target(0.05, 0.15)))
+    return found
+
+
+def lead(ours: Sequence[bool], theirs: Sequence[bool]) -> dict[str, Any]:
+    """By how much one rate is above another on the same cases, with its interval."""
+    ahead = mean([float(a) - float(b) for a, b in zip(ours, theirs, strict=True)])
+    return {"ahead": ahead, "interval": lead_interval(ours, theirs)}
 
 
 def _rate(what: str, hits: Sequence[bool], target: Target | None = None) -> dict[str, Any]:
@@ -109,11 +120,13 @@ def _best_claim(found: Rate, target: Target) -> Any:
 def _quantity(what: str, value: float | None, interval: Any, n: int, target: Target) -> dict[str, Any]:
     low, high = interval or (None, None)
     shown = {"what": what, "n": n, "value": value, "low": low, "high": high, **_met(value, target)}
-    bound = high if target.at_most else low
-    if bound is None:
+    best, worst = (low, high) if target.at_most else (high, low)
+    if best is None or worst is None:
         return {**shown, "claim": None, "claimed": None}
-    right = [t for t in (target.aim, target.minimum) if (bound <= t if target.at_most else bound >= t)]
+    right = [t for t in (target.aim, target.minimum) if (worst <= t if target.at_most else worst >= t)]
     sign = "≤" if target.at_most else "≥"
+    if (best > target.minimum) if target.at_most else (best < target.minimum):
+        return {**shown, "claim": f"{sign} {target.minimum:g}: does not hold", "claimed": False}
     if not right:
         return {**shown, "claim": f"{sign} {target.minimum:g}: not claimable with {n} values", "claimed": None}
     return {**shown, "claim": f"{sign} {right[0]:g}: holds", "claimed": True}

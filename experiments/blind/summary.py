@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .intervals import bootstrap, rate
+from .intervals import quantile_interval, rate
 from .judge import Row
 from .plan import STRATA
 
@@ -61,11 +61,10 @@ def stratum(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def quantile(values: Sequence[float], percent: float) -> dict[str, Any] | None:
-    """A quantile with its bootstrap interval; None of no values."""
+    """A quantile with its interval; None of no values."""
     if not values:
         return None
-    interval = bootstrap(values, lambda x, axis: np.percentile(x, percent, axis=axis))
-    return {"value": float(np.percentile(values, percent)), "interval": interval}
+    return {"value": float(np.percentile(values, percent)), "interval": quantile_interval(values, percent)}
 
 
 def mean(values: Sequence[float]) -> float | None:
