@@ -97,7 +97,7 @@ def _panel(ax: Axes, unit: str, some: list[str], effects: Mapping[str, Any]) -> 
 
 
 def _scaled(one: Mapping[str, Any], scale: float) -> dict[str, Any]:
-    """Every size of an effect in another unit; trials are written in typical sizes."""
+    """Every size of an effect in another unit."""
 
     def times(value: float | None) -> float | None:
         return None if value is None else scale * value
@@ -105,8 +105,7 @@ def _scaled(one: Mapping[str, Any], scale: float) -> dict[str, Any]:
     out: dict[str, Any] = {key: times(one[key]) for key in ("typical", "crlb", "p50", "p90")}
     for key in ("p50_interval", "p90_interval"):
         out[key] = [times(value) for value in one.get(key) or (None, None)]
-    trials = [(out["typical"] * size, named) for size, named in one["trials"]] if out["typical"] else []
-    return {**out, "trials": trials}
+    return {**out, "trials": [(scale * size, named) for size, named in one["trials"]]}
 
 
 def _legend() -> list[Line2D]:

@@ -9,9 +9,10 @@ At another noise level the limit is scaled by the noise, as the bound scales; a 
 
 `limits/EFFECT.jsonl` has a line a trial; stopped, it goes on with the next. `limits.json` holds of each effect its
 parameter, unit, the value at typical size, the bound (`crlb`), `p50` and `p90` with 95 % intervals in that unit, the
-same in typical sizes, and the trials. A limit is null where it lies above all sizes that can be asked. The bound is the
-median over the trials of the diagnosis's own standard deviation, from the exact Jacobian and the spectrum of what the
-refit leaves.
+same in typical sizes, and the trials. A limit is null where it lies above all sizes that can be asked. The bound is
+the median over the trials of the diagnosis's own standard deviation, from the exact Jacobian of its own law, which is
+not the law of the truth, and the spectrum of what the refit leaves: an estimate of that bound. Where the laws of an
+effect differ in their typical size, limits are in typical sizes alone, and `typical_of_law` says what those are.
 """
 
 import dataclasses
@@ -25,16 +26,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binom
 
 from didim_jax.errors import InputError
 from didim_jax.files import atomic_write
 from didim_jax.report import prepare_folder
 
+from ..study import commit as commit_of_project
 from ..study import write_json
 from .intervals import rate
 from .judge import blank_row, judge
 from .layout import read_json
+from .main_parameter import MAIN, true_size
 from .plan import ALIAS
 from .staircase import LARGEST, LEVELS, Threshold, Trial, next_size, threshold
 
@@ -52,55 +55,10 @@ _TRIES = 5
 _BELOW = 0.7  # of a size that no motion bears: the largest to ask from then on
 
 
-@dataclasses.dataclass(frozen=True)
-class Main:
-    """What the size of an effect is measured in.
-
-    `name` and `unit` in the answer, and the parameters of the diagnosis whose standard deviations bound it: of a sine
-    and a cosine of one line, their rms.
-    """
-
-    name: str
-    unit: str
-    of: tuple[str, ...]
-
-
-MAIN: Mapping[str, Main] = {
-    "position_gain": Main("e", "1", ("e",)),
-    "velocity_gain": Main("e", "1", ("e",)),
-    "velocity_filter": Main("T", "s", ("T",)),
-    "amplifier_lag": Main("T", "s", ("T",)),
-    "time_delay": Main("T", "s", ("T",)),
-    "saturation": Main("u", "V", ("limit",)),
-    "amplifier_dead_zone": Main("d", "V", ("d",)),
-    "gain_nonlinearity": Main("k", "1/V", ("k",)),
-    "cogging": Main("A", "N", ("a1", "b1")),
-    "encoder_periodic_error": Main("a", "m", ("a", "b")),
-    "encoder_quantisation": Main("grid", "m", ()),
-    "asymmetric_coulomb": Main("dFc", "N", ("dFc",)),
-    "asymmetric_viscous": Main("dFv", "N s/m", ("dFv",)),
-    "stribeck": Main("dFs", "N", ("dFs",)),
-    "quadratic_viscous": Main("c", "N s2/m2", ("c",)),
-    "position_friction": Main("A", "N", ("c1",)),
-    "local_friction": Main("A", "N", ("A",)),
-    "lead_friction": Main("A", "N", ("a", "b")),
-    "presliding": Main("r", "1", ("share",)),
-    "load_dependent_friction": Main("mu", "1", ("mu",)),
-    "friction_drift": Main("d_c", "1", ("d_coulomb",)),
-    "coupling_damping": Main("C", "N s/m", ("C",)),
-    "cubic_stiffness": Main("k3", "1", ("k3",)),
-    "backlash": Main("b", "m", ("b",)),
-    "transmission_error": Main("a", "m", ("a", "b")),
-    "second_flexible_mode": Main("m3", "kg", ("m3",)),
-    "payload_change": Main("dm", "kg", ("dm",)),
-    "base_flexibility": Main("mb", "kg", ("mu",)),
-    "offset": Main("F0", "N", ("F0",)),
-    "cable_spring": Main("kc", "N/m", ("kc",)),
-    "disturbance_pulses": Main("A", "N", ("A",)),
-}
-"""Two of them are not proportional to the size, and are given as what is: see `measured`."""
-
 _RENAMED = {"saturation": ("share of the peak cut off", "1"), "base_flexibility": ("1/mb", "1/kg")}
+"""Of these the main parameter is not proportional to the size, and what is stands here: see `measured`."""
+
+_ALIKE = 1.25  # times: laws whose typical values differ by no more have limits in one unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,11 +121,10 @@ def measured(effect: str, answer: Mapping[str, Any]) -> tuple[float | None, str,
     None where this law has no such parameter. A limit of the drive counts as the share of the nominal peak that it cuts
     off; the frame of a base, whose effect is the larger the lighter it is, by the inverse of its mass.
     """
-    main = MAIN[effect]
-    found = answer["parameters"][effect].get(main.name)
-    if found is None or found["unit"] != main.unit:
+    main, true = MAIN[effect], true_size(effect, answer)
+    if true is None:
         return None, _RENAMED.get(effect, ("", main.unit))[1], 1.0
-    value = abs(found["value"])
+    value = abs(true)
     if effect == "base_flexibility":
         return 1 / value, "1/kg", 1.0
     if effect == "saturation":
@@ -257,9 +214,10 @@ def side_by_side[A](work: Callable[[A], None], items: Sequence[A], threads: int)
 
 def summary(study: Path) -> dict[str, Any]:
     """All that was measured so far, as limits.json holds it."""
-    effects = {}
+    effects, commits = {}, set()
     for name in MAIN:
         rows = read_rows(study / "limits" / f"{name}.jsonl")
+        commits |= {row.get("commit") for row in rows}
         if usable(rows):
             effects[name] = _limit(name, rows)
     checks = [
@@ -270,6 +228,7 @@ def summary(study: Path) -> dict[str, Any]:
     ]
     return {
         "schema": 1,
+        "commits": sorted(commits, key=str),
         "effects": effects,
         "noise": "usual",
         "excitation": "usual",
@@ -282,10 +241,11 @@ def summary(study: Path) -> dict[str, Any]:
 def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     trials, largest = usable(rows), _largest(rows)
     at = {level: threshold(trials, level, largest) for level in LEVELS}
-    sized = [row["value"] / row["size"] for row in rows if row.get("value")]
-    typical = float(np.median(sized)) if sized else 1.0
-    main = MAIN[name]
-    parameter, unit = _RENAMED.get(name, (main.name, main.unit)) if sized else ("size", "typical sizes")
+    main, values = MAIN[name], typical_values(rows)
+    alike = bool(values) and max(values.values()) <= _ALIKE * min(values.values())
+    typical = float(np.median([*values.values()])) if alike else 1.0
+    parameter, unit = _RENAMED.get(name, (main.name, main.unit)) if alike else ("size", "typical sizes")
+    least = _bound(rows)
 
     def shown(factor: float) -> dict[str, Any]:
         ends = {f"p{100 * level:.0f}": dataclasses.astuple(found) for level, found in at.items()}
@@ -299,19 +259,29 @@ def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "parameter": parameter,
         "unit": unit,
         "typical": typical,
-        "crlb": _bound(rows) if sized else None,
+        "typical_of_law": values,
+        "crlb": _times(least, typical),
         **shown(typical),
         "n": len(trials),
         "laws": sorted({row["law"] for row in rows if "law" in row}),
-        "in_typical_sizes": shown(1.0),
+        "in_typical_sizes": {"crlb": least, **shown(1.0)},
     }
 
 
+def typical_values(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Law to the main parameter at typical size, of the laws that have it; each trial has a factor of its own."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        if row.get("value"):
+            found.setdefault(row["law"], []).append(row["value"] / row["size"])
+    return {law: float(np.median(values)) for law, values in sorted(found.items())}
+
+
 def _bound(rows: Sequence[Mapping[str, Any]]) -> float | None:
-    """Of the trials that named the effect, if any; else of those that refitted it."""
-    named = [row["std"] for row in rows if row.get("std") and row["named"]]
-    stds = named or [row["std"] for row in rows if row.get("std")]
-    return float(np.median(stds)) if stds else None
+    """In typical sizes: of the trials that named the effect, if any; else of those that refitted it."""
+    usable = [row for row in rows if row.get("std") and row.get("value")]
+    usable = [row for row in usable if row["named"]] or usable
+    return float(np.median([row["std"] * row["size"] / row["value"] for row in usable])) if usable else None
 
 
 def _times(value: float | None, factor: float) -> float | None:
@@ -354,7 +324,7 @@ def _spot_check(
         return None
     ratio = _ratios()[noise]
     seen = {level: rate([row["named"] for row in rows if row["level"] == level and "named" in row]) for level in LEVELS}
-    usual, here = usually["crlb"], _bound(rows)
+    usual, here = usually["in_typical_sizes"]["crlb"], _bound(rows)
     return {
         "effect": effect,
         "noise": noise,
@@ -364,8 +334,17 @@ def _spot_check(
         "p90": _times(usually["p90"], ratio),
         "unit": usually["unit"],
         "seen": [{"foreseen": level, **one.as_json()} for level, one in seen.items()],
-        "agrees": all(one.n == 0 or binomtest(one.k, one.n, level).pvalue > 0.05 for level, one in seen.items()),
+        "agrees": plausible({level: (one.k, one.n) for level, one in seen.items()}),
     }
+
+
+def plausible(seen: Mapping[float, tuple[int, int]]) -> bool:
+    """Whether so many named in all, k of n foreseen at each chance, is no surprise (95 %, two-sided, exact)."""
+    chances = np.ones(1)
+    for level, (_, n) in seen.items():
+        chances = np.convolve(chances, binom.pmf(np.arange(n + 1), n, level))
+    at_hand = chances[sum(k for k, _ in seen.values())]
+    return bool(chances[chances <= at_hand * (1 + 1e-9)].sum() > 0.05)
 
 
 # -- trials in files -----------------------------------------------------------------------------------------------
@@ -395,7 +374,7 @@ def _largest(rows: Sequence[Mapping[str, Any]]) -> float:
 
 def _entered(path: Path, asked: Asked, found: Mapping[str, Any]) -> dict[str, Any]:
     """Write the trial behind those that are there, all or nothing."""
-    row = {"size": asked.size, "seed": asked.seed, **found}
+    row = {"size": asked.size, "seed": asked.seed, "commit": commit_of_project(), **found}
     before = read_rows(path)
     with atomic_write(path) as temporary:
         temporary.write_text("".join(f"{json.dumps(one)}\n" for one in (*before, row)), encoding="utf-8")
