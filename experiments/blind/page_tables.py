@@ -39,7 +39,7 @@ def _unit(one: Mapping[str, Any]) -> tuple[float, str, int]:
     """Scale, unit and digits of a figure."""
     if "k" in one or one["what"].startswith("own parameter"):
         return 100, " %", 1
-    if one["what"].startswith("accepted, ahead"):
+    if "ahead of the best baseline" in one["what"]:
         return 100, " points", 1
     return 1, "", 3
 

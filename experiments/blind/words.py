@@ -5,6 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from .main_parameter import MAIN
+
 KINDS = {
     "single": "one effect, typical size",
     "small": "one effect, small",
@@ -29,6 +31,15 @@ _TWO, _ALARM = "both of two, nothing else", "false alarm: none and numerics only
 _OUTSIDE, _ABSTAINED = "outside the catalogue: unexplained", "inside: falsely unexplained"
 _MEDIAN, _TENTH = "gap closed on the check record, median", "gap closed on the check record, 10th percentile"
 _PARAMETER, _AHEAD = "own parameter, median error", "accepted, ahead of the best baseline"
+
+UNLIKE = (
+    "The baselines cannot answer that no effect of theirs explains a gap, so that effects of no catalogue are beyond "
+    "them; they cannot call two effects one group, as the diagnosis may; and most name at most one effect. In `exact` "
+    "no group helps anybody.",
+    "The diagnosis was mended on opened cases of earlier studies of this simulator; the thresholds of the baselines "
+    "were chosen on other open cases and left as they were.",
+)
+"""In what the baselines are not alike to the diagnosis."""
 
 NOT_RUN = "Not run: there is no {} beside the score."
 
@@ -65,14 +76,32 @@ def practical(unit: str, usual: float) -> tuple[float, str]:
     return 1.0, "" if unit == "1" else re.sub("(?<=[a-z])([23])", lambda found: "²³"[int(found[0]) - 2], unit)
 
 
+def typical_sizes(limits: Mapping[str, Any]) -> list[str]:
+    """What a typical size is, of every effect whose laws differ in it."""
+    said = []
+    for name, one in limits["effects"].items():
+        laws = one.get("typical_of_law") or {}
+        if one["parameter"] == "size" and laws:
+            main = MAIN[name]
+            scale, unit = practical(main.unit, max(laws.values()))
+            values = "; ".join(f"{scale * value:.3g} {unit}".strip() + f" ({law})" for law, value in laws.items())
+            said.append(f"A typical size of {name}, {main.name}: {values}.")
+    return said
+
+
 def banner(study: Mapping[str, Any]) -> str:
     """Whose records, and what the ledger shows of the order of things."""
     n = study["score"]["cases"]
     foreign = study["foreign"]
-    if foreign:
+    if foreign is None:
+        made = f"What made the {n} cases is not known here: no answers lie beside the score."
+    elif foreign:
         made = f"{foreign} of the {n} cases were brought by another team; what made them is not known here."
     else:
-        made = f"All {n} cases are SYNTHETIC, made by a simulator that shares no code with the package."
+        made = (
+            f"All {n} cases are SYNTHETIC, made by a simulator that shares no code with the package. A typical size is "
+            "one that opens a gap of two to five times what noise leaves."
+        )
     steps = {step.step: step.time for step in study["ledger"]}
     if {"seal", "diagnose", "open"} <= set(steps):
         kept = (
