@@ -17,7 +17,8 @@ from didim_jax.errors import InputError
 from didim_jax.gap import decide
 from experiments.blind import calibrate, limits, real
 from experiments.blind.judge import blank_row
-from experiments.blind.limits import MAIN, Asked, bound, measured, read_rows
+from experiments.blind.limits import Asked, bound, measured, plausible, read_rows
+from experiments.blind.main_parameter import MAIN
 from experiments.blind.plan import ALIAS, TWINS
 from experiments.blind.staircase import LEVELS, chance, next_size, threshold
 from experiments.study import write_json
@@ -100,7 +101,13 @@ def test_a_limit_is_in_the_effects_own_unit_and_holds_the_truth(study):
     found = limits.limits(study, ["offset"], 24, 4, one=Coin())
     one = found["effects"]["offset"]
     true = {key: 3 * size for key, size in zip(("p50", "p90"), sizes_of(0.2, 4.0).values(), strict=True)}
-    assert (one["parameter"], one["unit"], one["typical"], one["crlb"], one["n"]) == ("F0", "N", 3.0, 0.014, 24)
+    assert (one["parameter"], one["unit"], one["typical"], one["crlb"], one["n"]) == (
+        "F0",
+        "N",
+        3.0,
+        pytest.approx(0.014),
+        24,
+    )
     for key, size in true.items():
         low, high = one[f"{key}_interval"]
         assert low <= size <= high and low <= one[key] <= high
@@ -110,6 +117,26 @@ def test_a_limit_is_in_the_effects_own_unit_and_holds_the_truth(study):
     assert found["spot_checks"][1]["bound_ratio"] == pytest.approx(3.0)
     assert {at["foreseen"]: at["n"] for at in found["spot_checks"][0]["seen"]} == {0.5: 4, 0.9: 4}
     limits.print_limits(found)
+
+
+def test_laws_that_differ_in_their_typical_size_share_no_unit(study):
+    """One law is typically five times the other, a third has no such parameter; their spreads follow their sizes."""
+
+    def one(asked: Asked) -> dict[str, Any]:
+        law, typical = (("cubic", 0.2), ("tanh", 0.04), ("other", None))[asked.seed % 3]
+        value = None if typical is None else typical * asked.size
+        return {"named": asked.size > 0.3, "law": law, "value": value, "std": 0.01 * (typical or 1e6)}
+
+    found = limits.limits(study, ["cubic_stiffness"], 24, one=one)["effects"]["cubic_stiffness"]
+    assert (found["parameter"], found["unit"], found["typical"]) == ("size", "typical sizes", 1.0)
+    assert found["typical_of_law"] == pytest.approx({"cubic": 0.2, "tanh": 0.04})
+    assert found["crlb"] == pytest.approx(0.01) and 0.2 < found["p50"] < 0.45
+
+
+def test_a_spot_check_can_fail():
+    assert plausible({0.5: (2, 4), 0.9: (4, 4)}) and plausible({0.5: (4, 4), 0.9: (4, 4)})
+    assert not plausible({0.5: (0, 4), 0.9: (2, 4)})
+    assert not plausible({0.5: (0, 6), 0.9: (0, 0)}) and plausible({0.5: (0, 0), 0.9: (0, 0)})
 
 
 def test_stopped_anywhere_it_ends_with_the_same_trials(tmp_path):
@@ -387,6 +414,9 @@ def test_a_planted_effect_counts_beside_the_machines_own():
     pulsed = found("effect", "amplifier_lag", parameters={"amplifier_lag": {"T": {"value": 0.3e-3}}})
     assert real.judged("r", answer, late, None, real.own_lag(pulsed))["right"]  # on top of the machine's own
     assert not row(1.05e-3, "asymmetric_viscous")["right"]
+    assert not real.judged("r", answer, found("effect", "time_delay"), None)["right"]  # and no size of it
+    unsure = found("unexplained", "time_delay", parameters={"time_delay": {"T": {"value": 1e-3, "std": None}}})
+    assert not real.judged("r", answer, unsure, None)["right"]
     twins = found("ambiguous", "amplifier_lag", ambiguous_with=[["amplifier_lag", "time_delay"]])
     lag = real.judged("r", answer, twins, None)
     assert lag["right"] and lag["parameter"]["T"]["value"] is None

@@ -79,11 +79,11 @@ LIMITS = {
     "effects": {
         "offset": dict(
             parameter="F0", unit="N", typical=3.0, crlb=0.014, p50=0.4, p90=0.7, p50_interval=[0.3, 0.5],
-            p90_interval=[0.6, 0.9], n=3, trials=[[0.1, False], [0.17, True], [0.23, True]],
+            p90_interval=[0.6, 0.9], n=3, trials=[[0.3, False], [0.51, True], [0.69, True]],
         ),
         "backlash": dict(
             parameter="b", unit="m", typical=8e-6, crlb=1e-7, p50=2e-6, p90=None, p50_interval=[1e-6, None],
-            p90_interval=None, n=1, trials=[[0.25, True]],
+            p90_interval=None, n=1, trials=[[2e-6, True]],
         ),
         "presliding": dict(
             parameter="share", unit="1", typical=None, crlb=None, p50=None, p90=None, p50_interval=None,
@@ -173,7 +173,7 @@ def test_missing_parts_are_said_to_be_missing(bare: Path) -> None:
 def test_the_banner_says_what_is_synthetic_and_what_the_ledger_shows(bare: Path, whole: Path) -> None:
     without, with_all = (re.search(r'class="banner">(.*?)</div>', page(s)) for s in (bare, whole))
     assert without and with_all
-    assert "SYNTHETIC" in without[1] and "No ledger lies beside" in without[1] and "not known" in without[1]
+    assert "What made the 10 cases is not known" in without[1] and "No ledger lies beside" in without[1]
     assert "opened once" not in page(bare)
     for said in ("All 10 cases are SYNTHETIC", "before any diagnosis", "opened once", "measured", "0123456789 with"):
         assert said in with_all[1]
@@ -233,6 +233,23 @@ def test_every_axis_says_what_it_shows_and_in_which_unit(whole: Path) -> None:
             assert all(labels), name
             if name != "confusion_figure":
                 assert all(re.search(r", (%|N|µm|1 )|noise floor|^cases", text) for text in labels), (name, labels)
+
+
+def test_trials_are_marked_at_their_sizes() -> None:
+    newton, micrometre = (
+        next(ax for ax in limits_figure(LIMITS).axes if unit in ax.get_xlabel()) for unit in (", N", "µm")
+    )
+    marked = [line.get_xdata()[0] for line in newton.lines if line.get_marker() in ("|", "x")]
+    assert marked == pytest.approx([0.3, 0.51, 0.69])
+    assert [line.get_xdata()[0] for line in micrometre.lines if line.get_marker() == "|"] == pytest.approx([2.0])
+
+
+def test_cases_with_several_effects_alone_have_a_page_too(tmp_path: Path) -> None:
+    several = [row for row in rows() if row.stratum == "two"]
+    found = {"schema": 1, "cases": 1, "headline": headline(several, {}), **summary(several), "rows": several}
+    write_json(tmp_path / "blind.json", {**found, "baselines": {"blind": True, "methods": {}}})
+    report(tmp_path)
+    assert not (tmp_path / "figures" / "confusion.png").exists()
 
 
 def test_limits_and_real_records_have_units_and_truth(whole: Path) -> None:

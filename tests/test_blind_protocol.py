@@ -21,7 +21,7 @@ from experiments.blind import __main__ as command
 from experiments.blind import diagnose as diagnosing
 from experiments.blind import judge, ledger, plan
 from experiments.blind.diagnose import diagnose
-from experiments.blind.intervals import bootstrap, cases_needed, claim, wilson
+from experiments.blind.intervals import cases_needed, claim, lead_interval, quantile_interval, wilson
 from experiments.blind.judge import agreement, blank_row, target
 from experiments.blind.layout import canonical, case_names, read_json
 from experiments.blind.ledger import verify
@@ -134,6 +134,7 @@ def write_diagnosis(folder: Path, check: Path, said: dict[str, Any], before: flo
     tau = np.ravel(record["vir"]) * float(record["gtau"].item())
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "simulation.npz", check_tau_before=tau * (1 - before), check_tau_after=tau * (1 - after))
+    (folder / "prediction.json").write_text(json.dumps({"check": said["gap"]["check"]}))
     (folder / "diagnosis.json").write_text(json.dumps(said))
 
 
@@ -420,7 +421,7 @@ def test_diagnose_works_where_the_answers_are_not(study: Path, tmp_path_factory:
     diagnose(study)
     assert not (study / "answers").exists() and set(diagnosed.values()) == {1} and len(diagnosed) == 5
     results = read_json(study / "results.json", "results")
-    assert set(results["cases"]["case-0001"]) == {"diagnosis.json", "simulation.npz"}
+    assert set(results["cases"]["case-0001"]) == {"diagnosis.json", "prediction.json", "simulation.npz"}
     assert len(results["commits"]) == 1
     open_seals(study, elsewhere)
     assert score(study)["cases"] == 5
@@ -431,9 +432,87 @@ def test_diagnose_goes_on_where_it_was(study: Path, diagnosed: Counter[str]):
     head = diagnose(study)
     assert set(diagnosed) == {f"case-{k:04d}" for k in (1, 2, 4, 5)}
     assert diagnose(study) == head  # nothing to do, nothing to enter
-    (study / "diagnoses" / "case-0002" / "diagnosis.json").unlink()
+
+
+def test_what_failed_may_be_tried_again_and_nothing_else(study: Path, diagnosed: Counter[str]):
+    """A diagnosis that was committed cannot be replaced, by taking it away or all the results."""
+    failed = study / "diagnoses" / "case-0002"
+    diagnose(study)
+    results = study / "results.json"
+    kept = failed / "diagnosis.json"
+    kept.rename(study / "kept.json")
+    with refused("case-0002/diagnosis.json: is missing since the results were committed"):
+        diagnose(study)
+    results.rename(study / "kept-results.json")
+    with refused("results.json: no such file"):
+        diagnose(study)
+    assert diagnosed["case-0002"] == 1
+
+    (study / "kept-results.json").rename(results)
+    (study / "ledger.jsonl").write_text((study / "ledger.jsonl").read_text().splitlines()[0] + "\n")
+    edit(results, lambda r: r["cases"].update({"case-0002": {"error.txt": "0" * 64}}))
     diagnose(study)
     assert (diagnosed["case-0002"], diagnosed["case-0001"]) == (2, 1)
+
+
+def test_a_diagnosis_that_came_after_the_commitment_is_said(study: Path, diagnosed: Counter[str]):
+    diagnose(study)
+    (study / "diagnoses" / "case-0003" / "error.txt").write_text("was never here")
+    for step in (diagnose, lambda study: open_seals(study, study / "answers"), verify_all):
+        with refused("case-0003/error.txt: was added since the results were committed"):
+            step(study)
+
+
+def test_diagnoses_before_the_seal_are_refused(tmp_path: Path, truth: Truth):
+    make(tmp_path, tmp_path / "answers", QUICK)
+    (tmp_path / "diagnoses").mkdir()
+    with refused("diagnoses: there are diagnoses before there is a seal"):
+        seal(tmp_path, tmp_path / "answers")
+
+
+def test_the_plan_is_sealed_and_shown(study: Path, diagnosed: Counter[str]):
+    """So that cases of it that are missing would show, and all can be made again."""
+    diagnose(study)
+    planned = (study / "answers" / "plan.json").read_text()
+    edit(study / "answers" / "plan.json", lambda p: p.update(seed=2))
+    with refused("answers/plan.json: the plan was changed since it was sealed"):
+        open_seals(study, study / "answers")
+    (study / "answers" / "plan.json").write_text(planned)
+    open_seals(study, study / "answers")
+    assert (study / "plan.json").read_text() == planned
+    (study / "plan.json").unlink()
+    with refused("plan.json: the plan is missing since it was sealed"):
+        verify_all(study)
+
+
+def test_a_score_that_was_not_judged_is_said(opened: Path):
+    """Entered in the ledger as a score is, and still not what answers and diagnoses give."""
+    score(opened)
+    edit(opened / "blind.json", lambda b: b["strata"]["none"]["accepted"].update(k=0))
+    ledger.commit(opened, "score")
+    with refused("blind.json: judged anew, strata.none.accepted.k is another"):
+        verify_all(opened)
+
+
+def test_a_ledger_written_anew_does_not_hold_the_published_hash(opened: Path):
+    published = ledger.head(ledger.read(opened)[:2])
+    verify_all(opened, published)
+    with refused("no line of its ledger has the hash 1234"):
+        verify_all(opened, "1234")
+
+
+def test_baselines_that_have_not_answered_everything_stay_closed(study: Path, diagnosed: Counter[str]):
+    diagnose(study)
+    path = study / "baselines.json"
+    answers = {case: {"effects": [], "ranking": {"none": 1.0}} for case in case_names(study)}
+    path.write_text(json.dumps({"silent": answers | {"case-0004": {"effects": [], "ranking": None}}}))
+    with refused("baselines.json: silent, case-0004: TypeError"):
+        open_seals(study, study / "answers")
+    path.write_text(json.dumps({"silent": {case: answers[case] for case in list(answers)[:-1]}}))
+    with refused("baselines.json: silent has not answered case-0005; run the baselines to their end"):
+        open_seals(study, study / "answers")
+    assert not (study / "opened.json").exists()
+    assert [step.step for step in verify(study)] == ["seal", "diagnose"]
 
 
 def test_an_interrupted_commit_is_taken_up(study: Path, diagnosed: Counter[str]):
@@ -595,11 +674,27 @@ def test_a_rate_is_claimed_only_where_the_count_can_bear_it():
     assert claim(0, needed, 0.01, at_most=True).holds and claim(0, needed - 1, 0.01, at_most=True).holds is None
 
 
-def test_the_bootstrap_covers_the_median():
-    values = np.random.default_rng(0).normal(1.0, 1.0, 400)
-    low, high = bootstrap(values.tolist(), np.median)
-    assert low < 1.0 < high and high - low < 0.4  # 4 x 1.25 / sqrt(400) is 0.25
-    assert bootstrap([1.0], np.median) is None
+def test_quantile_intervals_hold_the_quantile_as_often_as_they_say():
+    """Of 400 samples 95 % hold it: fewer than 368 or more than 395 would be seen once in a thousand times."""
+    rng = np.random.default_rng(0)
+    for n, percent, true in ((60, 10, np.log(1 / 0.9)), (25, 50, np.log(2))):
+        found = [quantile_interval(rng.exponential(size=n).tolist(), percent) for _ in range(400)]
+        held = sum(low <= true <= high for low, high in found)
+        assert 368 <= held <= 399
+    assert quantile_interval(range(35), 10) is None and quantile_interval(range(37), 10) is not None
+    assert quantile_interval([1.0] * 5, 50) is None and quantile_interval([], 50) is None
+
+
+def test_the_lead_on_the_same_cases():
+    """Newcombe (1998), table II, method 10: 36 both right, 12 and 2 one alone, 0 neither."""
+    ours = [True] * 48 + [False] * 2
+    theirs = [True] * 36 + [False] * 12 + [True] * 2
+    assert lead_interval(ours, theirs) == pytest.approx((0.0569, 0.3404), abs=1e-4)
+    low, high = lead_interval([True, False] * 20, [True, False] * 20)
+    assert -0.1 < low < 0 < high < 0.1 and high == pytest.approx(-low)
+    low, high = lead_interval([True] * 3, [False] * 3)
+    assert low == pytest.approx(0.206, abs=1e-3) and high == 1.0  # where a bootstrap would say 1 to 1
+    assert lead_interval([], []) is None
 
 
 # ---- the judge ----
@@ -649,14 +744,14 @@ def test_the_gap_is_measured_and_not_believed(opened: Path):
         "answer": {
             "effects": ["cogging"],
             "floor": {"check": 0.01},
-            "parameters": {"cogging": {"a1": {"value": 2.0, "unit": "N"}, "b1": 0.0}, "offset": {"F0": 1.0}},
+            "parameters": {"cogging": {"A": {"value": 2.0, "unit": "N"}}, "offset": {"F0": 1.0}},
         },
     }
     said = document(
         "effect",
         ("cogging",),
         block="actuator",
-        parameters={"cogging": {"a1": {"value": 2.2, "std": 0.1, "unit": "N"}, "b1": {"value": 1.0}}},
+        parameters={"cogging": {"a1": {"value": 1.32, "unit": "N"}, "b1": {"value": -1.76, "unit": "N"}}},
         gap={"check": {"before": 0.0, "after": 0.0, "predicted_after": 0.12}},
     )
     check = opened / "cases" / "case-0001" / "check.mat"
@@ -664,7 +759,7 @@ def test_the_gap_is_measured_and_not_believed(opened: Path):
     row = judge.row(opened, "case-0001", sealed_answer)
     np.testing.assert_allclose([row.before, row.after, row.over_floor], [0.5, 0.1, 10.0], rtol=1e-9)
     np.testing.assert_allclose(row.closed, (0.5**2 - 0.1**2) / (0.5**2 - 0.01**2), rtol=1e-9)
-    np.testing.assert_allclose(row.parameter_errors, [0.1])
+    np.testing.assert_allclose(row.parameter_errors, [0.1])  # the amplitude is 2.2 N
     assert row.exact and row.block and row.predicted and row.first and not row.note
 
     write_diagnosis(opened / "diagnoses" / "case-0001", check, said | {"effects": []})
@@ -674,7 +769,18 @@ def test_the_gap_is_measured_and_not_believed(opened: Path):
     (opened / "diagnoses" / "case-0001" / "diagnosis.json").unlink()
     row = judge.row(opened, "case-0001", sealed_answer)
     assert (row.verdict, row.accepted, row.closed) == ("failed", False, 0.0) and "no such file" in row.note
+    assert row.visible  # or it would leave the count of those that should have been seen
     assert brier(row) == 2.0
+
+
+def test_pulses_are_judged_by_where_they_enter():
+    into_volts = {"block": {"disturbance_pulses": "actuator"}}
+    assert judge.block_right("disturbance_pulses", into_volts, "actuator")
+    assert not judge.block_right("disturbance_pulses", into_volts, "environment")
+    assert judge.block_right("disturbance_pulses", {}, "environment")
+    for side in ("motor side", "load side"):
+        assert judge.block_right("stribeck", {"block": {"stribeck": "load side"}}, side)
+    assert not judge.block_right("stribeck", {}, "coupling")
 
 
 def judged(effects: tuple[str, ...], ranking: dict[str, float], verdict: str = "effect") -> judge.Row:
