@@ -284,6 +284,28 @@ def test_public_files_of_the_real_simulator_are_alike(tmp_path: Path):
     seal(tmp_path, tmp_path / "answers")
 
 
+def test_the_revealed_plan_makes_the_same_wishes(study: Path, truth: Truth, diagnosed: Counter[str], tmp_path: Path):
+    diagnose(study)
+    open_seals(study, study / "answers")
+    before = list(truth.wishes)
+    again = tmp_path / "again"
+    command.main(["make", str(again), "--plan", str(study / "plan.json"), "--set", "workers=1"])
+    assert truth.wishes[len(before) :] == before
+
+
+@pytest.mark.slow
+def test_a_case_made_again_is_the_same_to_the_last_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from experiments.blind import truth
+
+    made = truth.make(truth.Wish(("offset",), seed=3))
+    truth.write(made, tmp_path / "one", "case")
+    monkeypatch.setattr("time.asctime", lambda *when: "another day")
+    truth.write(truth.make(truth.Wish(("offset",), seed=3)), tmp_path / "two", "case")
+    for file in ("fit.mat", "check.mat", "machine.toml"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert scipy.io.loadmat(tmp_path / "one" / "fit.mat")["t"].size > 1000
+
+
 def test_make_goes_on_and_keeps_what_is_there(tmp_path: Path, truth: Truth):
     truth.refused = {name for name in EFFECTS if name != plan.ALIAS}
     with refused(r"2 of 5 cases could not be made: case-\d+ \(single, .*drive range"):

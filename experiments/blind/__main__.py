@@ -15,7 +15,7 @@ from didim_jax.devices import cores
 
 from ..data import ROOT
 from ..study import read
-from .layout import ANSWERS
+from .layout import ANSWERS, read_json
 
 _STEPS = {
     "make": (
@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
             step.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override of the config")
             step.add_argument("--quick", action="store_true", help="a few cases")
             step.add_argument("--fresh", action="store_true", help="draw the seed, whatever the config says")
+            step.add_argument("--plan", type=Path, metavar="FILE", help="plan.json of an opened study: its cases again")
         if name == "limits":
             step.add_argument("--effects", nargs="+", default=[], metavar="EFFECT", help="these alone (all)")
             step.add_argument("--trials", type=int, default=24, help="of each effect (24)")
@@ -112,6 +113,10 @@ def _run(arguments: argparse.Namespace) -> None:
         from .plan import Config
 
         config = build(Config, read(arguments.config, arguments.set, arguments.quick), str(arguments.config))
+        if arguments.plan:
+            opened = read_json(arguments.plan, "the plan of an opened study")
+            table = opened["config"] | {"seed": opened["seed"], "workers": config.workers}
+            config = build(Config, table, str(arguments.plan))
         make(study, answers, dataclasses.replace(config, seed=None) if arguments.fresh else config)
     elif arguments.step == "seal":
         from .seal import seal

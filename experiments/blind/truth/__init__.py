@@ -136,7 +136,10 @@ def write(made: Made, folder: Path, name: str) -> None:
     """fit.mat, check.mat and machine.toml in `folder`; the machine is called `name`."""
     folder.mkdir(parents=True, exist_ok=True)
     for record in RECORDS:
-        io.savemat(folder / f"{record}.mat", getattr(made, record), oned_as="column")
+        path = folder / f"{record}.mat"
+        io.savemat(path, getattr(made, record), oned_as="column")
+        with path.open("r+b") as file:  # the date in it would tell when, and keep a case made again from being the same
+            file.write(b"MATLAB 5.0 MAT-file".ljust(116))
     text = made.machine.replace('name = "case"', f'name = "{name}"', 1)
     (folder / "machine.toml").write_text(text, encoding="utf-8")
 
