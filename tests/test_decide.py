@@ -20,3 +20,11 @@ def test_none_has_what_nothing_else_claims():
     assert found == {"none": pytest.approx(0.9), "other": pytest.approx(0.1)}
     seen = decide.Evidence(("stribeck",), np.array([30.0]), np.array([2.0]), 0.0)
     assert decide.probabilities(seen, none=0.02, other=0.1)["stribeck"] == pytest.approx(0.88)
+
+
+def test_probabilities_are_never_below_zero():
+    """1 - none - other can round to less than nothing: a ranking with -4e-18 in it is none."""
+    seen = decide.Evidence(("stribeck", "offset"), np.array([30.0, 29.0]), np.array([2.0, 1.0]), 0.0)
+    for other in np.linspace(1e-3, 0.4, 400):
+        found = decide.probabilities(seen, none=1 - other, other=other)
+        assert min(found.values()) >= 0 and sum(found.values()) == pytest.approx(1)

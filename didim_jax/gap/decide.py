@@ -75,7 +75,7 @@ def probabilities(evidence: Evidence, none: float, other: float) -> dict[str, fl
     out = {"none": none if len(evidence.effects) else 1 - other, "other": other}
     if len(evidence.effects):
         weights = np.exp(evidence.weight - evidence.weight.max())
-        weights = (1 - none - other) * weights / weights.sum()
+        weights = max(1 - none - other, 0.0) * weights / weights.sum()  # rounding must not make it less
         out |= dict(zip(evidence.effects, (float(w) for w in weights), strict=True))
     total = sum(out.values())
     return {k: v / total for k, v in sorted(out.items(), key=lambda item: -item[1])}
