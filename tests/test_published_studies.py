@@ -1,11 +1,11 @@
-"""What was published of a blind study holds together: ledger, seals, score and page; and README quotes that score.
+"""What was published of a blind study holds together: ledger, seals, score and page; and README quotes that score."""
 
 from pathlib import Path
 
 import pytest
 
-from experiments.blind.ledger import verify
 from experiments.blind.layout import OPENED, SCORE, digest, read_json
+from experiments.blind.ledger import verify
 from experiments.blind.page import report
 from experiments.blind.seal import verify_answers
 
