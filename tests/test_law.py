@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from didim_jax.formats import load_recording
+from didim_jax.gap import law
 from didim_jax.gap.law import Pulse, encoder_grid, examine_law
 from didim_jax.machine import Machine
 from didim_jax.recording import Recording
@@ -116,6 +117,16 @@ def test_a_filter_of_another_law_is_told_by_its_taps(emps_like):
     assert found.free_filter.share > 1 - 1e-9
     taps = [found.free_filter.parameters[f"velocity_filter.b{j}"] for j in range(1, 9)]
     np.testing.assert_allclose(taps, [0.25, 0.25, 0.25, 0, 0, 0, 0, 0], atol=1e-5)
+
+
+def test_what_a_filter_saw_before_the_record_is_no_pulse():
+    """A record that begins in motion: the law's first samples are not as foreseen, and all others are."""
+    t = np.arange(2000) * 1e-3
+    left = 1e-4 * np.random.default_rng(0).normal(size=len(t))
+    left[:2] += 0.03
+    assert law._pulses(left, [np.sin(9 * t)], smallest=0.01) == []
+    left[:20] = 0.03  # what lasts was on before
+    assert law._pulses(left, [np.sin(9 * t)], smallest=0.01) == [(0, 20)]
 
 
 def test_the_standard_deviation_covers_the_error_under_white_noise(emps_like):

@@ -334,7 +334,8 @@ def _pulses(r: np.ndarray, free: list[np.ndarray], smallest: float) -> list[tupl
     for _ in range(6):
         values = _solve([*free, *_shapes(spans, len(r))], r)[0]
         rest = r - np.column_stack(free) @ values[: len(free)]
-        sized = [(a, b) for a, b in _plateaus(rest, smallest) if b - a < len(r) / 2]
+        # A record that begins in motion does not say what a filter had seen before: its first samples are no pulse.
+        sized = [(a, b) for a, b in _plateaus(rest, smallest) if _WINDOW <= b - a < len(r) / 2]
         if sized == spans:
             break
         spans = sized
