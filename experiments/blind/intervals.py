@@ -103,8 +103,8 @@ def lead_interval(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[float, 
     p, q = k / n, m / n
     (low_p, high_p), (low_q, high_q) = wilson(k, n), wilson(m, n)
     spread = k * (n - k) * m * (n - m)
-    together = both * n - k * m
-    together = max(together - n / 2, 0.0) if together > 0 else float(together)
+    together = float(both * n - k * m)
+    together = max(together - n / 2, 0.0) if together > 0 else together
     phi = together / float(np.sqrt(spread)) if spread else 0.0
 
     def off(a: float, b: float) -> float:

@@ -60,19 +60,20 @@ def judged(study: Path, steps: Sequence[Step]) -> dict[str, Any]:
 
 def differs(one: Any, other: Any, where: str = "") -> str | None:
     """The first place where two JSON values are not the same but for rounding; None: nowhere."""
+    inside: list[tuple[str, Any, Any]] = []
     if isinstance(one, dict) and isinstance(other, dict):
         if set(one) != set(other):
             return where or "its keys"
-        places = ((f"{where}.{key}".strip("."), one[key], other[key]) for key in one)
+        inside = [(f"{where}.{key}".strip("."), one[key], other[key]) for key in one]
     elif isinstance(one, list) and isinstance(other, list):
         if len(one) != len(other):
             return where
-        places = ((f"{where}[{k}]", *both) for k, both in enumerate(zip(one, other, strict=True)))
+        inside = [(f"{where}[{k}]", a, b) for k, (a, b) in enumerate(zip(one, other, strict=True))]
     elif isinstance(one, float) and isinstance(other, float):
         return None if math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12) else where
-    else:
-        return None if one == other else where
-    return next((found for place, *both in places if (found := differs(*both, place)) is not None), None)
+    elif one != other:
+        return where
+    return next((found for place, a, b in inside if (found := differs(a, b, place)) is not None), None)
 
 
 def baselines(path: Path, answers: Mapping[str, Any]) -> dict[str, list[Row]]:
@@ -100,7 +101,7 @@ def baselines(path: Path, answers: Mapping[str, Any]) -> dict[str, list[Row]]:
 def _of_rival(blank: Row, said: Mapping[str, Any]) -> Row:
     if "error" in said:
         return dataclasses.replace(blank, note=str(said["error"]))
-    return judge(blank, {"verdict": "effect" if said["effects"] else "none"} | said)
+    return judge(blank, {"verdict": "effect" if said["effects"] else "none"} | dict(said))
 
 
 def baseline_summary(rows: Sequence[Row], theirs: Sequence[Row]) -> dict[str, Any]:
