@@ -109,11 +109,14 @@ def _where(score: Mapping[str, Any], draw: Callable[..., Picture]) -> Section:
         "the minimum to be reached; dotted: the aim. The truth follows laws of its own. Compared is the parameter "
         "that says how large the effect is, of a sine and a cosine their amplitude, where both have one of that unit."
     )
+    heading = "Where it is good and where it is not"
+    if not {"small", "single", "large", "poor"} & set(score["strata"]):
+        return Section(heading, [Text("No case holds one effect.")])
     parts = [
         draw("conditions", conditions, groups_figure, score),
         draw("effects", effects, effects_figure, score),
     ]
-    return Section("Where it is good and where it is not", parts)
+    return Section(heading, parts)
 
 
 def _names(score: Mapping[str, Any], draw: Callable[..., Picture]) -> Section:
