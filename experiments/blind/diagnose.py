@@ -6,12 +6,11 @@ Stopped, it goes on where it was. What was committed may be added to, never chan
 from pathlib import Path
 from typing import Any
 
-from didim_jax.errors import InputError
 from didim_jax.report import prepare_folder
 
 from ..study import commit as commit_of_project
 from ..study import write_json
-from .layout import CASES, DIAGNOSES, RESULTS, file_digest, read_json
+from .layout import CASES, DIAGNOSES, RESULTS, file_digest, hold, read_json
 from .ledger import commit, require, verify
 from .seal import verify_public
 
@@ -50,11 +49,8 @@ def verify_results(study: Path, complete: bool = True) -> dict[str, Any]:
     for name, files in results["cases"].items():
         if not complete and "diagnosis.json" not in files:
             continue
-        now = _hashes(study / DIAGNOSES / name)
-        for file in sorted(set(files) | set(now)):
-            if now.get(file) != files.get(file):
-                what = "is missing" if file not in now else "was changed" if file in files else "was added"
-                raise InputError(f"{study / DIAGNOSES / name / file}: {what} since the results were committed.")
+        for file in FILES:
+            hold(study / DIAGNOSES / name / file, files.get(file), "since the results were committed")
     return results
 
 

@@ -42,6 +42,14 @@ def file_digest(path: Path) -> str | None:
     return digest(path.read_bytes()) if path.is_file() else None
 
 
+def hold(path: Path, expected: str | None, since: str, subject: str = "") -> None:
+    """Raises InputError, one line with `since` when, where a file has not the SHA-256 it had; None: it was not there."""
+    now = file_digest(path)
+    if now != expected:
+        what = "is missing" if now is None else "was added" if expected is None else "was changed"
+        raise InputError(f"{path}: {subject}{what} {since}.")
+
+
 def canonical(value: Any) -> bytes:
     """The one way to write a JSON value that is hashed: keys sorted, no spaces, ASCII, no NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode("ascii")

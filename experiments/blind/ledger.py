@@ -15,7 +15,7 @@ from pathlib import Path
 from didim_jax.errors import InputError
 from didim_jax.files import atomic_write
 
-from .layout import BASELINES, LEDGER, OPENED, RESULTS, SCORE, SEALS, canonical, digest, file_digest
+from .layout import BASELINES, LEDGER, OPENED, RESULTS, SCORE, SEALS, canonical, digest, file_digest, hold
 
 FILES = {"seal": SEALS, "diagnose": RESULTS, "baselines": BASELINES, "open": OPENED, "score": SCORE}
 """What each step makes."""
@@ -95,9 +95,8 @@ def verify(study: Path, redo: str | None = None) -> list[Step]:
         now = file_digest(study / file)
         if name in last:
             number, step = last[name]
-            if now != step.content and not (name == redo and now is None):
-                what = "is missing" if now is None else "was changed"
-                raise InputError(f"{study / file}: {what} after line {number} ({name}) of the ledger entered it.")
+            if now is not None or name != redo:
+                hold(study / file, step.content, f"after line {number} ({name}) of the ledger entered it")
         elif now is not None and name not in (redo, "baselines"):
             raise InputError(
                 f"{study / file}: no line of the ledger enters it: {name} was interrupted, or its line taken out."

@@ -30,7 +30,7 @@ from typing import Any
 from didim_jax.errors import InputError
 
 from ..study import write_json
-from .layout import CASES, DIAGNOSES, PLAN, PUBLIC, SEALS, canonical, case_names, digest, file_digest, read_json
+from .layout import CASES, DIAGNOSES, PLAN, PUBLIC, SEALS, canonical, case_names, digest, file_digest, hold, read_json
 from .ledger import commit, require, verify
 from .make import new_salt
 
@@ -76,10 +76,7 @@ def verify_public(study: Path) -> list[str]:
         if name not in expected:
             raise InputError(f"{study / CASES / name}: was added after the cases were sealed.")
         for file, value in expected[name]["files"].items():
-            path = study / CASES / name / file
-            now = file_digest(path)
-            if now != value:
-                raise InputError(f"{path}: {'is missing' if now is None else 'was changed'} since it was sealed.")
+            hold(study / CASES / name / file, value, "since it was sealed")
     return sorted(expected)
 
 
@@ -95,9 +92,8 @@ def verify_answers(study: Path, documents: Mapping[str, Mapping[str, Any]]) -> N
 def verify_plan(study: Path, path: Path) -> bool:
     """Whether there is a sealed plan, and `path` is it. Raises InputError: one that was changed or is missing."""
     expected = read_json(study / SEALS, "the seals; run seal first").get("plan")
-    now = file_digest(path)
-    if expected is not None and now != expected:
-        raise InputError(f"{path}: the plan {'is missing' if now is None else 'was changed'} since it was sealed.")
+    if expected is not None:
+        hold(path, expected, "since it was sealed", "the plan ")
     return expected is not None
 
 
