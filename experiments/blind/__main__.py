@@ -15,7 +15,7 @@ from didim_jax.devices import cores
 
 from ..data import ROOT
 from ..study import read
-from .layout import ANSWERS, read_json
+from .layout import ANSWERS
 
 _STEPS = {
     "make": (
@@ -114,9 +114,9 @@ def _run(arguments: argparse.Namespace) -> None:
 
         config = build(Config, read(arguments.config, arguments.set, arguments.quick), str(arguments.config))
         if arguments.plan:
-            opened = read_json(arguments.plan, "the plan of an opened study")
-            table = opened["config"] | {"seed": opened["seed"], "workers": config.workers}
-            config = build(Config, table, str(arguments.plan))
+            from .make import config_of
+
+            config = config_of(arguments.plan, config.workers)
         make(study, answers, dataclasses.replace(config, seed=None) if arguments.fresh else config)
     elif arguments.step == "seal":
         from .seal import seal

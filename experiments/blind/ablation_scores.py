@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .intervals import lead_interval, rate
+from .intervals import lead, rate
 from .judge import agreement
 
 WORDS = {
@@ -49,8 +49,8 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
     complete = right.get("complete", {})
     out = []
     for name in [n for n in WORDS if n in answers] + [n for n in answers if n not in WORDS]:
-        both = [case for case in right[name] if case in complete]
-        behind = [float(complete[case]) - float(right[name][case]) for case in both]
+        both = [case for case in right[name] if case in complete and name != "complete"]
+        behind = lead([complete[case] for case in both], [right[name][case] for case in both])
         judged = {case: answers[name][case] for case in right[name]}
         quiet = [said for case, said in judged.items() if rows[case]["stratum"] in ("none", "numerics")]
         seconds = [said["seconds"] for said in judged.values() if "seconds" in said]
@@ -59,10 +59,8 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
                 name,
                 rate([*right[name].values()]).as_json(),
                 rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
-                float(np.mean(behind)) if behind and name != "complete" else None,
-                lead_interval([complete[case] for case in both], [right[name][case] for case in both])
-                if name != "complete"
-                else None,
+                behind["ahead"],
+                behind["interval"],
                 float(np.median(seconds)) if seconds else None,
                 sum("error" in said for said in judged.values()),
             )

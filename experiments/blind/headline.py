@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .intervals import Rate, claim, lead_interval, rate
+from .intervals import Rate, claim, lead, rate
 from .judge import VISIBLE, Row
-from .summary import calibration, mean, quantile
+from .summary import calibration, quantile
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,12 +94,6 @@ def _ahead(rows: Sequence[Row], rivals: Mapping[str, Sequence[Row]]) -> list[dic
         what = f"{which}, ahead of the best baseline ({best})"
         found.append(_quantity(what, ahead["ahead"], ahead["interval"], len(ours), Target(0.05, 0.15)))
     return found
-
-
-def lead(ours: Sequence[bool], theirs: Sequence[bool]) -> dict[str, Any]:
-    """By how much one rate is above another on the same cases, with its interval."""
-    ahead = mean([float(a) - float(b) for a, b in zip(ours, theirs, strict=True)])
-    return {"ahead": ahead, "interval": lead_interval(ours, theirs)}
 
 
 def _rate(what: str, hits: Sequence[bool], target: Target | None = None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.stats import binom
@@ -87,6 +88,12 @@ def quantile_interval(values: Sequence[float], percent: float) -> tuple[float, f
         return None
     ordered = np.sort(np.asarray(values, float))
     return float(ordered[low - 1]), float(ordered[high])
+
+
+def lead(ours: Sequence[bool], theirs: Sequence[bool]) -> dict[str, Any]:
+    """By how much one rate is above another on the same cases, with its interval; None of no cases."""
+    ahead = (sum(ours) - sum(theirs)) / len(ours) if ours else None
+    return {"ahead": ahead, "interval": lead_interval(ours, theirs)}
 
 
 def lead_interval(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[float, float] | None:

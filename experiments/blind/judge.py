@@ -10,7 +10,7 @@ import scipy.io
 import scipy.signal
 
 from .layout import CASES, DIAGNOSES, read_json
-from .main_parameter import MAIN, Main
+from .main_parameter import MAIN, Main, amplitude
 from .plan import ALIAS, TWINS
 
 _FRICTION = (
@@ -246,4 +246,4 @@ def estimate(main: Main, found: Mapping[str, Any]) -> float | None:
     parts = [found[name] for name in main.of if name in found]
     if not parts or len(parts) < len(main.of) or any(part.get("unit") != main.unit for part in parts):
         return None
-    return float(parts[0]["value"] if len(parts) == 1 else np.hypot(*(part["value"] for part in parts)))
+    return amplitude(parts)

@@ -43,7 +43,7 @@ def file_digest(path: Path) -> str | None:
 
 
 def hold(path: Path, expected: str | None, since: str, subject: str = "") -> None:
-    """Raises InputError, one line with `since` when, where a file has not the SHA-256 it had; None: it was not there."""
+    """Raises InputError, one line with `since` when, where a file has not the SHA-256 it had (None: it had none)."""
     now = file_digest(path)
     if now != expected:
         what = "is missing" if now is None else "was added" if expected is None else "was changed"

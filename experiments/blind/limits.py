@@ -169,7 +169,7 @@ def limits(
         raise InputError(f"--trials {trials} --spot-trials {spot_trials}: at least 1, and at least 0.")
     folder = prepare_folder(study / "limits")
     seed = _seed(folder / "seed.json")
-    chosen = tuple(effects or MAIN)
+    chosen, commit = tuple(effects or MAIN), commit_of_project()
 
     def staircase(effect: str) -> None:
         path = folder / f"{effect}.jsonl"
@@ -178,7 +178,7 @@ def limits(
             asked_of, largest = usable(rows), _largest(rows)
             size = next_size(asked_of, LEVELS[len(asked_of) % len(LEVELS)], largest)
             asked = Asked(effect, size, "usual", _draw(seed, effect, "usual", len(rows)))
-            rows.append(_entered(path, asked, one(asked)))
+            rows.append(_entered(path, asked, commit, one(asked)))
             say(f"{effect} {len(rows)}/{trials}: size {size:.3g} {_outcome(rows[-1])}")
         write_json(study / LIMITS, summary(study))
 
@@ -188,7 +188,7 @@ def limits(
         rows = read_rows(path)
         for k, (level, size) in enumerate(_spot_plan(study, effect, noise, spot_trials)[len(rows) :], len(rows)):
             asked = Asked(effect, size, noise, _draw(seed, effect, noise, k))
-            rows.append(_entered(path, asked, {"level": level, **one(asked)}))
+            rows.append(_entered(path, asked, commit, {"level": level, **one(asked)}))
             say(f"{effect} at {noise} noise {k + 1}: size {size:.3g} {_outcome(rows[-1])}")
 
     side_by_side(staircase, chosen, threads)
@@ -372,9 +372,9 @@ def _largest(rows: Sequence[Mapping[str, Any]]) -> float:
     return min([LARGEST, *(_BELOW * row["size"] for row in rows if row.get("refused"))])
 
 
-def _entered(path: Path, asked: Asked, found: Mapping[str, Any]) -> dict[str, Any]:
+def _entered(path: Path, asked: Asked, commit: str | None, found: Mapping[str, Any]) -> dict[str, Any]:
     """Write the trial behind those that are there, all or nothing."""
-    row = {"size": asked.size, "seed": asked.seed, "commit": commit_of_project(), **found}
+    row = {"size": asked.size, "seed": asked.seed, "commit": commit, **found}
     before = read_rows(path)
     with atomic_write(path) as temporary:
         temporary.write_text("".join(f"{json.dumps(one)}\n" for one in (*before, row)), encoding="utf-8")

@@ -1,8 +1,10 @@
 """The parameter that says how large an effect is: in a truth, in a diagnosis, and how far one is from the other."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +53,11 @@ MAIN: Mapping[str, Main] = {
     "cable_spring": Main("kc", "N/m", ("kc",)),
     "disturbance_pulses": Main("A", "N", ("A",)),
 }
+
+
+def amplitude(parts: Sequence[Mapping[str, Any]]) -> float:
+    """The value that an estimate's parts are: one its own, a sine and a cosine their amplitude."""
+    return float(parts[0]["value"] if len(parts) == 1 else np.hypot(*(part["value"] for part in parts)))
 
 
 def true_size(effect: str, answer: Mapping[str, Any]) -> float | None:

@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from didim_jax.config import build
 from didim_jax.errors import InputError
 from didim_jax.processes import processes
 from didim_jax.report import prepare_folder
@@ -41,6 +42,14 @@ def make(study: Path, answers: Path, config: Config) -> None:
     if refused:
         raise InputError(f"{len(refused)} of {len(todo)} cases could not be made: {'; '.join(refused)}.")
     print(f"{study}: {len(plan)} cases, {len(todo)} of them new; the answers in {answers} are secret.")
+
+
+def config_of(plan: Path, workers: int) -> Config:
+    """The config and seed of a plan that was shown: the same cases again. Raises InputError: it is no plan."""
+    shown = read_json(plan, "the plan of an opened study")
+    if not isinstance(shown, dict) or not isinstance(shown.get("config"), dict) or "seed" not in shown:
+        raise InputError(f"{plan}: is no plan of a study: it has no config and seed.")
+    return build(Config, {**shown["config"], "seed": shown["seed"], "workers": workers}, str(plan))
 
 
 def make_one(study: Path, answers: Path, planned: Planned) -> str:

@@ -50,10 +50,11 @@ def verify_all(study: Path, published: str | None = None) -> str:
     if "diagnose" in done:
         verify_results(study)
     if "open" in done:
-        verify_answers(study, read_json(study / OPENED, "the answers; run open first"))
+        answers = read_json(study / OPENED, "the answers; run open first")
+        verify_answers(study, answers)
         verify_plan(study, study / PLAN)
-    if "score" in done:
+    if "score" in done:  # which needs open, by the ledger's order
         written = read_json(study / SCORE, "the score")
-        if (where := differs(written, judged(study, steps) | {"commit": written.get("commit")})) is not None:
+        if (where := differs(written, judged(study, answers, steps) | {"commit": written.get("commit")})) is not None:
             raise InputError(f"{study / SCORE}: judged anew, {where or 'all of it'} is another.")
     return f"{len(cases)} cases, {' -> '.join(step.step for step in steps) or 'nothing sealed'}: nothing was changed."

@@ -220,8 +220,9 @@ def _real(found: Mapping[str, Any] | None) -> Section:
         "MEASURED records of the EMPS benchmark, as they are or with an exact change; diagnosed without the answer: "
         f"{right} of {len(found['cases'])} right. A planted effect is right where it is named, or an admitted twin, in "
         "a verdict that names something, with its size within tolerance of the truth; beside it the machine's own "
-        "effects may be named, which nobody knows. The true delay is the planted one and the diagnosis's own of the "
-        "unchanged record; the true M after a wrong gain likewise. So few cases give no rate."
+        "effects may be named, which nobody knows. The true delay is the planted one on top of what is found in the "
+        "record with the pulses, the true M after a wrong gain that of the unchanged record, scaled. So few cases "
+        "give no rate."
     )
     return Section(heading, [Text(text), case_tables.real(found)])
 

@@ -51,6 +51,7 @@ from ..study import write_json
 from .diagnose import diagnose
 from .layout import ANSWERS, CASES, DIAGNOSES, OPENED, SEALS, read_json
 from .ledger import read as steps_of
+from .main_parameter import amplitude
 from .opening import open_seals, verify_all
 from .plan import ALIAS, TWINS
 from .seal import seal
@@ -429,7 +430,7 @@ def _size(
         parts = [estimates[part] for part in (("a", "b") if key == "a" else (key,)) if part in estimates]
     told = {"value": None, "std": None, "unit": told["unit"], "true": true, "tolerance": tolerance, "within": None}
     if parts:
-        value = parts[0]["value"] if len(parts) == 1 else float(np.hypot(*(part["value"] for part in parts)))
+        value = amplitude(parts)
         std = float(np.sqrt(np.mean([(part["std"] or 0.0) ** 2 for part in parts])))
         told |= {"value": value, "std": std, "within": bool(abs(value / true - 1) <= tolerance)}
     return {key: told}

@@ -15,7 +15,8 @@ from didim_jax.errors import InputError
 from ..study import commit as commit_of_project
 from ..study import plain, write_json
 from .diagnose import verify_results
-from .headline import headline, lead
+from .headline import headline
+from .intervals import lead
 from .judge import Row, blank_row, judge, row
 from .layout import BASELINES, OPENED, SCORE, read_json
 from .ledger import Step, commit, require, verify
@@ -32,16 +33,15 @@ def score(study: Path) -> dict[str, Any]:
     verify_results(study)
     answers = read_json(study / OPENED, "the answers; run open first")
     verify_answers(study, answers)
-    document = {"commit": commit_of_project(), **judged(study, steps)}
+    document = {"commit": commit_of_project(), **judged(study, answers, steps)}
     write_json(study / SCORE, document)
     commit(study, "score")
     written: dict[str, Any] = read_json(study / SCORE, "the score")
     return written
 
 
-def judged(study: Path, steps: Sequence[Step]) -> dict[str, Any]:
+def judged(study: Path, answers: Mapping[str, Any], steps: Sequence[Step]) -> dict[str, Any]:
     """What blind.json holds of an opened study, but the commit that judged."""
-    answers = read_json(study / OPENED, "the answers; run open first")
     rows = [row(study, case, answers[case]) for case in sorted(answers)]
     rivals = baselines(study / BASELINES, answers)
     document = {
