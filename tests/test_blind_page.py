@@ -139,7 +139,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_json(study / "blind.json", document({"guess": guess, "lucky": lucky}))
     write_json(study / "limits.json", LIMITS)
     write_json(study / "real.json", REAL)
-    said = {"verdict": "effect", "effects": ["stribeck"], "ambiguous_with": [], "ranking": {}, "seconds": 12.0}
+    said = {
+        "verdict": "effect",
+        "effects": ["stribeck"],
+        "ambiguous_with": [],
+        "ranking": {},
+        "seconds": 12.0,
+        "commit": "c0ffee",
+    }
     none = {**said, "verdict": "none", "effects": []}
     elsewhere = {"error": "ValueError: broken", "effects": [], "ranking": {}, "seconds": 1.0}
     variants = {"complete": {"case-01": said, "case-06": none, "case-99": said}}
@@ -264,7 +271,7 @@ def test_ablations_are_judged_on_the_cases_of_the_study(whole: Path) -> None:
     complete, other = ablated(found["ablations"], found["score"])
     assert (complete.right["k"], complete.right["n"], complete.alarms["k"]) == (2, 2, 0)
     assert (other.right["k"], other.right["n"], other.alarms["k"], other.errors, other.behind) == (0, 3, 1, 1, 1.0)
-    assert "1 cases are not of this study" in page(whole)
+    assert "1 cases are not of this study" in page(whole) and "commits unknown, c0ffee." in page(whole)
     assert set(WORDS) == set(ABLATIONS)
 
 

@@ -18,8 +18,8 @@ place of a named one of `didim_jax.gap` for as long as the cases run, and puts t
 Without whitening, what decides on `unexplained` is still told under each residual's own noise.
 
 The replacement holds for the whole process: one ablation at a time, cases side by side within it. Of a case only
-fit.mat and machine.toml are read. DIR/ablations.json holds verdict, effects, groups of twins, ranking and seconds by
-ablation and case; killed, it goes on where it was.
+fit.mat and machine.toml are read. DIR/ablations.json holds verdict, effects, groups of twins, ranking, seconds and
+commit by ablation and case; killed, it goes on where it was.
 """
 
 import argparse
@@ -54,7 +54,7 @@ from didim_jax.machine import Machine
 from didim_jax.recording import Recording
 from didim_jax.rig import excitation
 from experiments.processes import calls
-from experiments.study import write_json
+from experiments.study import commit, write_json
 
 from .baselines.inverse import held, second_difference
 
@@ -230,13 +230,13 @@ def diagnose_all(
     path = out / "ablations.json"
     done: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     lock = threading.Lock()
-    wanted = [case for case in cases_in(cases) if not chosen or case.name in chosen]
+    wanted, at = [case for case in cases_in(cases) if not chosen or case.name in chosen], commit()
     with calls(threads) as call:
         for name in ablations:
             results = done.setdefault(name, {})
 
             def one(case: Case, name: str = name, results: dict[str, Any] = results) -> None:
-                entry = call(_without, case, name)
+                entry = {**call(_without, case, name), "commit": at}
                 with lock:
                     results[case.name] = entry
                     write_json(path, done)

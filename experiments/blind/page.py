@@ -202,6 +202,8 @@ def _ablations(found: Mapping[str, Any] | None, score: Mapping[str, Any], draw: 
     if skipped := sorted({case for cases in (found or {}).values() for case in cases} - _cases(score)):
         text += f" {len(skipped)} cases are not of this study and are left out, the first {skipped[0]}."
     caption = "Right by the rules of the study, with 95 % Wilson intervals; grey line: the complete diagnosis."
+    made_at = {entry.get("commit") for cases in (found or {}).values() for entry in cases.values()}
+    text += f" {words.commits(sorted(made_at, key=str))}"
     return Section(
         heading, [Text(text), draw("ablations", caption, ablations_figure, judged), tables.ablations(judged)]
     )
@@ -222,7 +224,7 @@ def _real(found: Mapping[str, Any] | None) -> Section:
         "a verdict that names something, with its size within tolerance of the truth; beside it the machine's own "
         "effects may be named, which nobody knows. The true delay is the planted one on top of what is found in the "
         "record with the pulses, the true M after a wrong gain that of the unchanged record, scaled. So few cases "
-        "give no rate."
+        f"give no rate. {words.commits(found.get('commits', []))}"
     )
     return Section(heading, [Text(text), case_tables.real(found)])
 

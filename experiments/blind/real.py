@@ -49,7 +49,7 @@ from didim_jax.report import prepare_folder
 from ..data import EMPS_MACHINE, EMPS_RECORDS, emps_folder
 from ..study import write_json
 from .diagnose import diagnose
-from .layout import ANSWERS, CASES, DIAGNOSES, OPENED, SEALS, read_json
+from .layout import ANSWERS, CASES, DIAGNOSES, OPENED, RESULTS, SEALS, read_json
 from .ledger import read as steps_of
 from .main_parameter import amplitude
 from .opening import open_seals, verify_all
@@ -294,7 +294,12 @@ def real(study: Path) -> dict[str, Any] | None:
     by_rule = {document["answer"]["rule"]: name for name, document in answers.items()}
     plain, lag = found[by_rule["first"]], own_lag(found[by_rule["pulses"]])
     rows = [judged(name, answers[name]["answer"], found[name], plain, lag) for name in sorted(answers)]
-    document = {"schema": 1, "data": "measured (EMPS benchmark), effects planted as said", "cases": rows}
+    document = {
+        "schema": 1,
+        "data": "measured (EMPS benchmark), effects planted as said",
+        "commits": read_json(out / RESULTS, "the results")["commits"],
+        "cases": rows,
+    }
     write_json(study / REAL, document)
     return document
 
