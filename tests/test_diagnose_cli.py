@@ -178,6 +178,16 @@ BAD: dict[str, tuple[Callable[[Desk], tuple[str, ...]], tuple[str, ...]]] = {
         lambda d: (*FIT, "--check", spoilt(d, qg=None)),
         ("bad.npz", "qg is missing"),
     ),
+    "check at another rate": (
+        lambda d: (*FIT, "--check", spoilt(d, t=2 * load_recording("check.mat").t)),
+        ("bad.npz", "step of t", "0.002 s"),
+    ),
+    "check that is too short": (
+        lambda d: (*FIT, "--check", spoilt(d, **{k: v[:500] for k, v in load_recording("check.mat").channels.items()})),
+        ("bad.npz", "500 samples", "at least 1000"),
+    ),
+    "check that is the record itself": (lambda d: (*FIT, "--check", "fit.mat"), ("fit.mat", "same run")),
+    "record twice": (lambda d: ("fit.mat", *FIT), ("fit.mat", "same run")),
     "unknown key": (
         lambda d: ("fit.mat", "--machine", d.edited("gain =", "gane ="), "--out", "out"),
         ("bad.toml", "gane"),
@@ -250,6 +260,7 @@ def test_an_effect_from_a_file_of_one_s_own_is_found_by_its_name(desk):
     assert predicted["check"]["predicted_after"] == told["gap"]["check"]["predicted_after"]
     page = Path("out/report.html").read_text(encoding="utf-8")
     assert "bumper" in page and "SYNTHETIC" in page.upper()
+    assert told["evidence"]["looked_for"][-1] == "bumper" and "Looked for, 9 effects" in page
     with np.load("out/simulation.npz") as signals:
         names = {f"{r}_{signal}" for r in ("fit", "check") for signal in ("t", "tau", "tau_before", "tau_after")}
         assert set(signals) == names
@@ -363,7 +374,6 @@ def test_a_force_that_no_drive_explains_is_no_fault_of_the_program(desk):
 
 @pytest.mark.parametrize("missing", ["qm", "vir"])
 def test_a_check_record_that_lacks_a_channel_is_refused_before_the_search(desk, idle, missing):
-    """The names in a file may be known before its numbers are read."""
     channels = {k: v for k, v in scipy.io.loadmat("check.mat").items() if k != missing}
     scipy.io.savemat("bad.mat", {k: v for k, v in channels.items() if not k.startswith("__")})
     before = desk.files()

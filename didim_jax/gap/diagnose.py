@@ -134,6 +134,7 @@ def diagnose(
         runs=tuple(runs),
         evidence={
             **dataclasses.asdict(q),
+            "looked_for": [e.label() for e in catalogue if e.label() not in {*INVISIBLE, *exclude}],
             "stages": stages,
             "order": found.order,
             "floor_from_repeats": read_floor is not None,

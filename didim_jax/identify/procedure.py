@@ -1,7 +1,6 @@
 """From records and a machine to a study: admit, say what can be identified, identify, simulate, check."""
 
 import dataclasses
-import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..errors import InputError
-from ..hygiene import Finding, admit
+from ..hygiene import Finding, admit, refuse_repeated
 from ..machine import Machine
 from ..params import select
 from ..plant import FlexibleDrive, RigidDrive
@@ -51,7 +50,7 @@ def identify(
     findings = tuple((record.label, finding) for record in every for finding in admit(record, machine))
     if choices.at_rest:
         findings += tuple((record.label, found) for record in every for found in _moving(record, machine))
-    _refuse_repeated(every)
+    refuse_repeated(every)
     _refuse_band(choices, machine, every)
     if choices.method is Method.IDIM_LS and choices.model == "flexible":
         need_load_position(recordings)
@@ -119,13 +118,6 @@ def _refuse_band(choices: Choices, machine: Machine, records: Sequence[Recording
             f"the machine samples every {machine.controller.sample_time:g} s, too slowly to compare motor forces up to "
             f"{ERROR_HZ:g} Hz: its sample_time must be below {0.5 / ERROR_HZ:.3g} s."
         )
-
-
-def _refuse_repeated(records: Sequence[Recording]) -> None:
-    """The same run twice would halve a variance for nothing, and as a check it would check nothing."""
-    for a, b in itertools.combinations(records, 2):
-        if np.array_equal(a.qm, b.qm) and np.array_equal(a.vir, b.vir):
-            raise InputError(f"{b.label}: holds the same run as {a.label}; give it once, and check on another.")
 
 
 def identifiability(case: Case) -> tuple[Identifiability, IdentificationResult | None]:
