@@ -244,7 +244,7 @@ def test_every_step_of_a_procedure_is_on_the_page(three_steps):
 
 def test_the_terminal_has_the_table_and_a_few_lines(study, tmp_path):
     text = _terminal(study, folder=tmp_path)
-    assert re.search(r"Fv .* 203\.2 .* 1\.2 .* 2\.8 .* 0\.59 .* N s/m", text)
+    assert re.search(r"Fv .* 203\.2 .* 1\.2 .* 2\.8 .* 1\.4 .* N s/m", text)
     assert "leaves 4.22 % (fit) and 4.89 % (check) of the motor force" in text
     assert "1 finding in the records; the first, in slow: vir is" in text
     assert "report.html" in text

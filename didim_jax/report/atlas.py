@@ -47,7 +47,7 @@ def atlas_figure(before: Atlas, after: Atlas | None = None) -> Figure:
         strip.spines[["top", "right"]].set_visible(False)
         strip.tick_params(labelsize=8.5, color="#8a939b", labelcolor=INK, length=3)
         columns = [(before, axes[0, 0], axes[0, 1], strip)]
-        heads = [f"{before.rms:.2g} N rms, of which an estimated {before.floor_rms:.2g} N are noise"]
+        heads = [f"{before.rms:.3g} N rms, of which an estimated {before.floor_rms:.3g} N are noise"]
     else:
         figure, axes = canvas(
             9.6,
@@ -78,7 +78,8 @@ def atlas_figure(before: Atlas, after: Atlas | None = None) -> Figure:
                 ax.tick_params(labelleft=False)
                 label(ax, y=" ")
     title(columns[0][2], "where: % of the energy, by frequency and phase")
-    title(columns[0][3], "when: shaded where the power is over four times its median")
+    stands_out = any(interval.span for one, *_ in columns for interval in one.intervals)
+    title(columns[0][3], "when: shaded where the power is over four times its median" if stands_out else "when")
     columns[0][1].legend(loc="lower right", frameon=False, fontsize=8, handlelength=1.4)
     strip = columns[-1][3]
     strip.legend(

@@ -25,7 +25,7 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
     `changed` is False where no effect was adopted: there is then one simulation, not two.
     """
     figure, axes = canvas(
-        10.4, 4.9, 3, 3, margins=(0.65, 0.15, 0.48, 0.35), height_ratios=(1.05, 1, 0.8), hspace=0.56, wspace=0.2
+        10.4, 5.1, 3, 3, margins=(0.65, 0.15, 0.48, 0.55), height_ratios=(1.05, 1, 0.8), hspace=0.56, wspace=0.2
     )
     grid = axes[0, 0].get_subplotspec().get_gridspec()
     for ax in axes[0, 1:]:
@@ -55,7 +55,7 @@ def run_figure(run: Run, name: str, gap: Gap | None, changed: bool) -> Figure:
     _frame(whole, run.t, "residual, N")
     _fit_height(whole, run.t, [r for r, *_ in curves])
     gaps = "" if gap is None else f": gap {percent(gap.before)}" + (f" before, {percent(gap.after)} after" * changed)
-    title(whole, f"{name}{gaps}, residual below {ERROR_HZ:g} Hz", fontweight="bold")
+    title(whole, f"{name}{gaps}, residual below {ERROR_HZ:g} Hz", fontweight="bold", pad=19)
     whole.plot([], [], color=MEASURED, linewidth=2.6, label="recorded")  # for the zooms
     whole.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
     _zooms(axes, run, windows, curves)

@@ -51,8 +51,6 @@ def draw_shape(ax: Axes, d: Diagnosis) -> None:
     for on, off in d.where.time_s or []:
         ax.axvspan(on, off, color="#f3e9c6", linewidth=0, zorder=0)
     if view is None:
-        if after is None:
-            title(ax, "over time")  # the legend needs the room of the title, and the axis says as much
         label(ax, x="time, s", y="residual, N rms over 0.1 s")
         noise = (after or before).floor_rms
         ax.axhline(noise, color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="noise (estimated)", zorder=4)

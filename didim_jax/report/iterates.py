@@ -31,7 +31,7 @@ def iterates_figure(result: IdentificationResult) -> Figure:
         len(rows),
         columns,
         hspace=gap / _PANEL,
-        wspace=0.42,
+        wspace=0.42 if columns <= _COLUMNS + 1 else 0.66,
         margins=(0.55, 0.12, 0.45, 0.5 if len(stages) > 1 else 0.3),
     )
     for k, (line, row) in enumerate(zip(axes, rows, strict=True)):

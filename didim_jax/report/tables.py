@@ -16,7 +16,8 @@ class Row:
     """One parameter, its numbers rounded to the digits that the standard deviation carries.
 
     `uncertainty` is the larger of the two standard deviations: a residual that is not white can make either of them the
-    flattering one. `given` is False where there is no estimate: `value` then says so, the other cells are empty.
+    flattering one, and the relative one is of it. `given` is False where there is no estimate: `value` then says so,
+    the other cells are empty.
     """
 
     name: str
@@ -48,7 +49,8 @@ def parameter_rows(result: IdentificationResult, lost: tuple[str, ...] = ()) -> 
             rows.append(_absent(name, NOT_GIVEN if name in lost else "no estimate", unit))
             continue
         larger = float(np.nanmax([white, any_spectrum, -1.0]))
-        relative = significant(float(result.rel_std[i]), 2)
+        known = larger > 0 and abs(theta) > 1e-9 * larger
+        relative = significant(100 * larger / abs(theta), 2) if known else NO_NUMBER
         cells = (rounded(theta, decimals(larger)), _std(white), _std(any_spectrum), relative)
         rows.append(Row(name, *cells, unit, uncertainty=_std(larger)))
     return rows + [_absent(name, NOT_GIVEN, "") for name in lost if name not in result.names]
