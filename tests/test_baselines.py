@@ -167,6 +167,8 @@ def test_an_ablation_puts_everything_back():
     places = [
         (search, "score"),
         (Searcher, "base"),
+        (Searcher, "_sharpened"),
+        (Searcher, "weigh_by_noise"),
         (Prepared, "whitening"),
         (diagnose, "read_off"),
         (diagnose, "CONTROLLER"),

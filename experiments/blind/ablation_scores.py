@@ -11,10 +11,10 @@ from .judge import agreement
 
 WORDS = {
     "complete": "complete diagnosis",
-    "no_projection": "nuisances not projected out",
-    "no_numerics": "numerical nuisances held",
+    "no_projection": "nuisances not projected out in the preselection",
+    "no_numerics": "numerical nuisances and the load side's friction held",
     "no_whitening": "white noise instead of whitening",
-    "force_only": "motor force only",
+    "force_only": "motor force only: no control law, no encoder grid, no load encoder",
     "didim_jacobian": "DIDIM's Jacobian, not the exact one",
     "fit_only": "every gain on the fit adopted",
 }
@@ -23,10 +23,14 @@ WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Ablated:
-    """One variant: how many are right, false alarms where there is nothing, points behind the complete diagnosis."""
+    """One variant: how many are right in all, of one effect and of none of the catalogue's; false alarms where there is
+    nothing; points behind the complete diagnosis.
+    """
 
     name: str
     right: Mapping[str, Any]
+    single: Mapping[str, Any]
+    outside: Mapping[str, Any]
     alarms: Mapping[str, Any]
     behind: float | None
     interval: tuple[float, float] | None
@@ -58,6 +62,8 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
             Ablated(
                 name,
                 rate([*right[name].values()]).as_json(),
+                rate([ok for case, ok in right[name].items() if _single(rows[case])]).as_json(),
+                rate([ok for case, ok in right[name].items() if rows[case]["stratum"] == "outside"]).as_json(),
                 rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
                 behind["ahead"],
                 behind["interval"],
@@ -66,6 +72,18 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
             )
         )
     return out
+
+
+def _single(row: Mapping[str, Any]) -> bool:
+    """Whether it holds one effect that can be seen and that the catalogue has."""
+    return len(row["truth"]) == 1 and row["stratum"] not in ("outside", "alias")
+
+
+def complete_and_sealed(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) -> tuple[int, int, int]:
+    """How many cases the complete diagnosis ran on, how many it had right, and how many the sealed one had of them."""
+    rows = {row["case"]: row for row in score["rows"]}
+    both = [(said, rows[case]) for case, said in answers.get("complete", {}).items() if case in rows]
+    return len(both), sum(_accepted(row, said) for said, row in both), sum(row["accepted"] for _, row in both)
 
 
 def _accepted(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:

@@ -9,8 +9,8 @@ place of a named one of `didim_jax.gap` for as long as the cases run, and puts t
 | ablation | in place of | what is there instead |
 |---|---|---|
 | `no_projection` | `search.score` | the same score, nuisances not projected out of signature and residual |
-| `no_numerics` | `Searcher.base` | without smoothing speed, the load side's friction, and the initial state |
-| `no_whitening` | `Prepared.whitening`, `Searcher.log_likelihood` | white noise of the same rms |
+| `no_numerics` | `Searcher.base`, `._sharpened` | smoothing speed, the load side's friction, initial state held |
+| `no_whitening` | `Prepared.whitening`, `Searcher.weigh_by_noise`, `.log_likelihood` | white noise of the same rms |
 | `force_only` | `diagnose.read_off`, `diagnose.CONTROLLER` | nothing read; the controller's effects are searched |
 | `didim_jacobian` | `diagnose.prepare` | its model's columns are DIDIM's, of the force along a motion held fixed |
 | `fit_only` | `hunt._gains_elsewhere` | every refit that gains enough is adopted |
@@ -89,9 +89,10 @@ def only(ingredients: Ingredients) -> Iterator[None]:
     if not ingredients.projection:
         changes.append((search, "score", unprojected))
     if not ingredients.numerics:
-        changes.append((Searcher, "base", property(physical)))
+        changes += [(Searcher, "base", property(physical)), (Searcher, "_sharpened", as_it_is)]
     if not ingredients.whitening:
         changes += [(Prepared, "whitening", white), (Searcher, "log_likelihood", white_likelihood)]
+        changes.append((Searcher, "weigh_by_noise", Searcher.weigh))
     if not ingredients.other_channels:
         changes += [(diagnosing, "read_off", nothing_read), (diagnosing, "CONTROLLER", ())]
     if not ingredients.exact_jacobian:
@@ -122,6 +123,11 @@ def physical(searcher: Searcher) -> list[int]:
     model = searcher.model
     held = {*model.of("start"), *(model.index[n] for n in ("v_eps", "tail", "Fv2", "Fc2") if n in model.index)}
     return [i for i in _base(searcher) if i not in held]
+
+
+def as_it_is(searcher: Searcher, fit: Fit) -> Fit:
+    """No other smoothing speed tried."""
+    return fit
 
 
 def white(prepared: Prepared, channel: Channel, residual: np.ndarray) -> Whitening:

@@ -57,7 +57,7 @@ def _styles(n: int) -> list[tuple[str, str]]:
 
 def ablations_figure(found: Sequence[Ablated]) -> Figure:
     """Right answers of each variant, the complete diagnosis as a line."""
-    figure, axes = canvas(9.8, 0.33 * len(found) + 0.85, 1, 1, margins=(2.9, 1.7, 0.5, 0.15))
+    figure, axes = canvas(9.8, 0.33 * len(found) + 0.85, 1, 1, margins=(4.4, 0.9, 0.5, 0.15))
     ax = axes[0, 0]
     complete = next((one for one in found if one.name == "complete"), None)
     if complete is not None and complete.right["n"]:
