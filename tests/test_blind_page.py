@@ -83,7 +83,7 @@ LIMITS = {
         ),
         "backlash": dict(
             parameter="b", unit="m", typical=8e-6, crlb=1e-7, p50=2e-6, p90=None, p50_interval=[1e-6, None],
-            p90_interval=None, n=1, trials=[[2e-6, True]],
+            p90_interval=None, n=1, trials=[[2e-6, True]], below={"p50": True, "p90": False}, own_name=0,
         ),
         "presliding": dict(
             parameter="share", unit="1", typical=None, crlb=None, p50=None, p90=None, p50_interval=None,
@@ -95,7 +95,7 @@ LIMITS = {
     "spot_checks": [
         {
             "effect": "offset", "noise": "high", "scale": 2.0, "bound_ratio": None, "p50": 0.8, "p90": 1.4,
-            "seen": [{"foreseen": 0.5, "k": 0, "n": 4}, {"foreseen": 0.9, "k": 4, "n": 4}], "agrees": False,
+            "seen": [{"foreseen": 0.5, "k": 0, "n": 4}, {"foreseen": 0.9, "k": 4, "n": 4}],
         }
     ],
 }  # fmt: skip
@@ -261,7 +261,14 @@ def test_cases_with_several_effects_alone_have_a_page_too(tmp_path: Path) -> Non
 
 def test_limits_and_real_records_have_units_and_truth(whole: Path) -> None:
     html = page(whole).replace("\u00a0", " ")
-    for said in ("<td>0.4 (0.3 to 0.5)</td>", "<td>µm</td>", "<td>2 (1 to more)</td>", "not reached", "50 %: 0 of 4"):
+    for said in (
+        "<td>0.4 (0.3 to 0.5)</td>",
+        "<td>µm</td>",
+        "<td>below 2 (to more)</td>",
+        "1 of 1, 1 of these by a twin&#39;s name",
+        "not reached",
+        "50 %: 0 of 4",
+    ):
         assert said in html
     assert "a 3.1 ± 0.1 N (true 3)" in html and "MEASURED" in html
 

@@ -47,11 +47,13 @@ def test_readme_quotes_the_newest_score() -> None:
         ("of these, a gap above 1.2 floors: accepted", "in {k} of the {n} whose gap is above"),
         ("both of two, nothing else", "both of two in {k} of {n}"),
         ("false alarm: none and numerics only", "an alarm in {k} of {n} with nothing to find"),
-        ("wrong name among those named", "a wrong name in {k} of {n} that were named"),
+        ("wrong name among those named", "a name that is wrong, or one that is missing, in {k} of {n} that were named"),
         ("outside the catalogue: unexplained", "`unexplained` for {k} of {n} effects of no catalogue"),
         ("inside: falsely unexplained", "{k} of {n} of the catalogue"),
     ):
         assert phrase.format(**figures[what]) in text, what
+    assert [one["met"] for one in score["headline"] if one["met"]].count("neither") == 7
+    assert "Seven of seventeen targets are missed" in text
     assert f"off by {100 * figures['own parameter, median error']['value']:.1f} % in the median" in text
     scores = (figures[name]["value"] for name in ("Brier score", "expected calibration error"))
     assert "Brier score {:.2f}, calibration error {:.2f}".format(*scores) in text

@@ -5,6 +5,7 @@ from typing import Any
 
 from ..page import Tabular
 from .page_tables import held
+from .real import RULES
 from .words import kind, ordered
 
 
@@ -15,8 +16,9 @@ def real(found: Mapping[str, Any]) -> Tabular:
         answers = ("+".join(one["truth"]) or "none", "+".join(one["found"]) or "none", one["verdict"])
         right = "right" if one["right"] else "WRONG"
         sizes = _beside_truth(one.get("parameter") or {})
-        rows.append((one["case"], one["what"], *answers, right, sizes, _gap(one.get("gap") or {})))
-    header = ("case", "record (MEASURED) and what was done", "truth", "found", "verdict", "", "size", "gap")
+        asked = RULES.get(one.get("rule", ""), "-")
+        rows.append((one["case"], one["what"], asked, *answers, right, sizes, _gap(one.get("gap") or {})))
+    header = ("case", "record (MEASURED) and what was done", "asked", "truth", "found", "verdict", "", "size", "gap")
     return held(header, rows)
 
 
@@ -35,9 +37,9 @@ def wrong(score: Mapping[str, Any], answers: Mapping[str, Any]) -> Tabular:
     rows = []
     for row in sorted(score["rows"], key=lambda row: (rank[row["stratum"]], row["truth"], row["case"])):
         if not row["accepted"]:
-            said = row["note"] or row["verdict"]
-            if row["found"]:
-                said = f"{'ambiguous: ' if said == 'ambiguous' else ''}{'+'.join(row['found'])}"
+            names = "+".join(row["found"])
+            verdict = "" if row["verdict"] == "effect" else f"{row['verdict']}: "
+            said = f"{verdict}{names}" if names else row["note"] or row["verdict"]
             sure = f"{100 * max(row['ranking'].values()):.0f} %" if row["ranking"] else "-"
             encoder = {True: "yes", False: "no"}.get(row["load_encoder"], "-")
             record = (row["model"] or "-", row["noise"] or "-", encoder)

@@ -25,7 +25,7 @@ def errors_by_effect(score: Mapping[str, Any]) -> dict[str, list[float]]:
 
 
 def effects_figure(score: Mapping[str, Any]) -> Figure:
-    """Left: named right, of typical size. Right: error of the effect's own parameters, a dot each, the median a bar."""
+    """Left: accepted and exact, of typical size. Right: error of the effect's own parameters, the median a bar."""
     found, errors = score["groups"].get("effect", {}), errors_by_effect(score)
     listed = [name for name in BLOCKS if name in found or name in errors]
     listed += sorted((set(found) | set(errors)) - set(listed))
@@ -33,7 +33,10 @@ def effects_figure(score: Mapping[str, Any]) -> Figure:
     named, off = axes[0]
     at = {name: k for k, name in enumerate(listed)}
     asked = [name for name in listed if name in found]
-    rates(named, [at[name] for name in asked], [found[name]["accepted"] for name in asked])
+    rates(named, [at[name] for name in asked], [found[name]["accepted"] for name in asked], "accepted")
+    hollow = {"color": "none", "marker": "D", "markerfacecolor": "white", "markeredgecolor": SOFT, "markersize": 3.5}
+    exact = [found[name]["exact"] for name in asked]
+    rates(named, [at[name] for name in asked], exact, "exact", **{**hollow, "zorder": 4})
     for name in asked:
         one = found[name]["accepted"]
         aside(named, at[name], f"{one['k']} of {one['n']}")
@@ -57,8 +60,8 @@ def effects_figure(score: Mapping[str, Any]) -> Figure:
     for ax in (named, off):
         ax.set_ylim(len(listed) - 0.4, -0.6)
         ax.hlines(np.arange(len(listed)), *ax.get_xlim(), color="#eef0f2", linewidth=0.7, zorder=0)
-    title(named, "named right, typical size")
-    title(off, "own parameter, where named right, any size")
-    label(named, "named right, % of the cases, with 95 % intervals")
+    title(named, "accepted (white: exact), typical size")
+    title(off, "own parameter, where accepted, any size")
+    label(named, "accepted, % of the cases, with 95 % intervals")
     label(off, "error of its own parameters, %")
     return figure

@@ -10,12 +10,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from didim_jax.gap.decide import BESIDE, RELEVANT
 from didim_jax.report import prepare_folder
 
 from ..page import Picture, Section, Tabular, Text, picture, write_page
 from . import case_tables, words
 from . import page_tables as tables
-from .ablation_scores import ablated
+from .ablation_scores import ablated, complete_and_sealed
 from .figures_answers import answers_figure, groups_figure
 from .figures_effects import effects_figure
 from .figures_gap import gap_figure
@@ -104,10 +105,13 @@ def _headline(score: Mapping[str, Any]) -> Section:
 def _where(score: Mapping[str, Any], draw: Callable[..., Picture]) -> Section:
     conditions = "One effect a case. Noise, load encoder and drive: effects of typical size only."
     effects = (
-        "Left: cases with one effect of typical size. Right: |estimate / truth - 1| of the parameter that truth and "
-        "estimate have with one meaning, in cases of any size that were named right; bar and number: median; dashed: "
+        "Left: cases with one effect of typical size; accepted, and beside it how many of how many; white: exact. "
+        "Right: |estimate / truth - 1| of the parameter that truth and "
+        "estimate have with one unit, in cases of any size that were accepted; bar and number: median; dashed: "
         "the minimum to be reached; dotted: the aim. The truth follows laws of its own. Compared is the parameter "
-        "that says how large the effect is, of a sine and a cosine their amplitude, where both have one of that unit."
+        "that says how large the effect is, of a sine and a cosine their amplitude, where both have one of that unit. "
+        "It may still mean something else: T of a velocity_filter made discrete by another rule, k of another curve of "
+        "gain_nonlinearity."
     )
     heading = "Where it is good and where it is not"
     if not {"small", "single", "large", "poor"} & set(score["strata"]):
@@ -170,8 +174,17 @@ def _limits(found: Mapping[str, Any] | None, draw: Callable[..., Picture]) -> Se
         f"Staircases on open cases of the same simulator (not sealed), SYNTHETIC like them: {found['noise']} noise, "
         f"{found['excitation']} excitation{_machine(found)}. The Cramér-Rao bound is the least standard deviation that "
         "any unbiased estimate of the size could have; here it is estimated, by the diagnosis, from the exact "
-        "Jacobian of its own law, where truth follows another, and the noise that the refit leaves. Where the laws of "
-        "an effect differ in their typical size, its sizes are in typical sizes."
+        "Jacobian of its own law, where truth follows another, and the noise that the refit leaves; there is none of "
+        "what is read off the control law, where no noise is between. Named: alone, an admitted twin in its place "
+        "where the two are said to be one group. What sets most limits is not the bound: an effect is worth a name "
+        f"only where it closes {100 * RELEVANT:g} % of what is left ({100 * BESIDE:g} % beside others)."
+    )
+    more = (
+        "The laws of an effect are pooled: where one is seen less well than another, the limit lies between the two; "
+        "where they differ in their typical size, or in its unit, sizes are in typical sizes. Not reached: missed at "
+        "large sizes, too. Below: named at the least size that was asked. With a dozen trials an interval holds the "
+        "limit in 80 % of the time or more; a spot check can refute a limit that is far too low, hardly one that is "
+        "too high."
     )
     caption = (
         "Size at which an effect is named in half and in nine of ten cases; thin lines: 95 % intervals. Trials above a "
@@ -179,7 +192,7 @@ def _limits(found: Mapping[str, Any] | None, draw: Callable[..., Picture]) -> Se
     )
     parts: list[Part] = [Text(text), draw("limits", caption, limits_figure, found), tables.limits(found)]
     checked = tables.spot_checks(found)
-    said = [Text(text) for text in (*words.typical_sizes(found), words.commits(found.get("commits", [])))]
+    said = [Text(text) for text in (more, *words.typical_sizes(found), words.commits(found.get("commits", [])))]
     return Section(heading, [*parts, *said, checked or Text("Spot checks elsewhere: not run.")])
 
 
@@ -195,7 +208,12 @@ def _ablations(found: Mapping[str, Any] | None, score: Mapping[str, Any], draw: 
     if not any(one.right["n"] for one in judged):
         why = words.NOT_RUN.format(ABLATIONS) if not found else f"Not run on these cases: {ABLATIONS} holds others."
         return Section(heading, [Text(why)])
-    text = "The diagnosis with one ingredient removed, on the same cases, after their seals were opened."
+    n, right, sealed = complete_and_sealed(found or {}, score)
+    text = (
+        "The diagnosis with one ingredient removed, on the same cases, after their seals were opened, without their "
+        f"check records. Complete it is right in {right} of {n}; {sealed} of these when they were sealed: what was "
+        "mended since, some of it on these cases, is the difference."
+    )
     sizes = {one.right["n"] for one in judged}
     if len(sizes) > 1:
         text += " The variants did not run on equally many cases; points behind count those that both ran on."
@@ -220,10 +238,13 @@ def _real(found: Mapping[str, Any] | None) -> Section:
     right = sum(bool(one["right"]) for one in found["cases"])
     text = (
         "MEASURED records of the EMPS benchmark, as they are or with an exact change; diagnosed without the answer: "
-        f"{right} of {len(found['cases'])} right. A planted effect is right where it is named, or an admitted twin, in "
-        "a verdict that names something, with its size within tolerance of the truth; beside it the machine's own "
-        "effects may be named, which nobody knows. The true delay is the planted one on top of what is found in the "
-        "record with the pulses, the true M after a wrong gain that of the unchanged record, scaled. So few cases "
+        f"{right} of {len(found['cases'])} right. Checks, no blind test: two records of one machine, on which the "
+        "diagnosis was developed, and the same cases each time. The same record in other units must be answered alike "
+        "by whatever is consistent; the volts of a pulse are compared with a fit of the control law, which the "
+        "diagnosis makes as well, so that its onsets are what is tested; planted sizes are plain ones, many times the "
+        "detection limits. Beside a planted effect the machine's own may be named, which nobody knows. The true delay "
+        "is the planted one on top of what is found in the record with the pulses, the true M after a wrong gain that "
+        "of the unchanged record, scaled. So few cases "
         f"give no rate. {words.commits(found.get('commits', []))}"
     )
     return Section(heading, [Text(text), case_tables.real(found)])

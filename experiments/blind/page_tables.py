@@ -100,11 +100,16 @@ def limits(found: Mapping[str, Any]) -> Tabular:
         def size(key: str, one: Mapping[str, Any] = one, scale: float = scale) -> str:
             low, high = one.get(f"{key}_interval") or (None, None)
             upper = "more" if high is None else _short(scale * high)
+            if (one.get("below") or {}).get(key):
+                return f"below {_short(scale * one[key], 3)} (to {upper})"
             within = "" if low is None else f" ({_short(scale * low)} to {upper})"
             return ("not reached" if one[key] is None else _short(scale * one[key], 3)) + within
 
         over = f"{one['p50'] / one['crlb']:.0f}" if one["p50"] and one["crlb"] else "-"
-        named = f"{sum(bool(hit) for _, hit in one['trials'])} of {one['n']}"
+        hits = sum(bool(hit) for _, hit in one["trials"])
+        named = f"{hits} of {one['n']}"
+        if one.get("own_name", hits) < hits:
+            named += f", {hits - one['own_name']} of these by a twin's name"
         rows.append((f"{name}, {one['parameter']}", unit, *map(size, ("typical", "crlb", "p50", "p90")), over, named))
     header = (
         "effect, parameter",
@@ -128,8 +133,7 @@ def spot_checks(found: Mapping[str, Any]) -> Tabular | None:
         foreseen = ("-" if check[key] is None else f"{_short(scale * check[key], 3)} {unit}" for key in ("p50", "p90"))
         seen = "; ".join(f"{100 * at['foreseen']:.0f} %: {at['k']} of {at['n']}" for at in check["seen"])
         ratios = ("-" if check[key] is None else f"{check[key]:.2f}" for key in ("scale", "bound_ratio"))
-        agrees = "yes" if check["agrees"] else "NO"
-        rows.append((check["effect"], f"{check['noise']} noise", *ratios, *foreseen, seen, agrees))
+        rows.append((check["effect"], f"{check['noise']} noise", *ratios, *foreseen, seen))
     header = (
         "effect",
         "at",
@@ -138,7 +142,6 @@ def spot_checks(found: Mapping[str, Any]) -> Tabular | None:
         "50 % foreseen at",
         "90 % foreseen at",
         "named there",
-        "agrees (95 %)",
     )
     return held(header, rows, "Spot checks: the limits, scaled by the noise") if rows else None
 
@@ -152,10 +155,13 @@ def ablations(found: Sequence[Ablated]) -> Tabular:
         right = f"{one.right['k']} of {one.right['n']} ({between(one.right, digits=0)} %)"
         alarms = f"{one.alarms['k']} of {one.alarms['n']}"
         seconds = "-" if one.seconds is None else f"{one.seconds:.0f}"
-        rows.append((one.words, right, alarms, behind, seconds, str(one.errors)))
+        kinds = (f"{some['k']} of {some['n']}" for some in (one.single, one.outside))
+        rows.append((one.words, right, *kinds, alarms, behind, seconds, str(one.errors)))
     header = (
         "variant",
         "right (95 %)",
+        "one effect",
+        "of no catalogue",
         "false alarms",
         "behind the complete one, points (95 %)",
         "time a case, s (median)",
