@@ -43,6 +43,14 @@ def admit(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
     return findings
 
 
+def admit_clock(recording: Recording, machine: Machine) -> None:
+    """Raises InputError where a record has no usable times, or too few; what was measured is not asked."""
+    for check in CLOCK:
+        for finding in check(recording, machine):
+            if finding.refuse:
+                raise InputError(f"{recording.label}: {finding.message}")
+
+
 def refuse_repeated(records: Sequence[Recording]) -> None:
     """The same run twice would halve a variance for nothing, and as a check it would check nothing: InputError."""
     for a, b in itertools.combinations(records, 2):
@@ -395,12 +403,12 @@ def _rows(indices: np.ndarray) -> str:
     return ", ".join(text) + (f" and {len(runs) - 5} more stretches" if len(runs) > 5 else "")
 
 
-CHECKS: tuple[Callable[[Recording, Machine], Iterable[Finding]], ...] = (
-    _enough_samples,
-    _time_increases,
-    _time_uniform,
-    _sample_time,
-    _long_enough,
+type Check = Callable[[Recording, Machine], Iterable[Finding]]
+
+CLOCK: tuple[Check, ...] = (_enough_samples, _time_increases, _time_uniform, _sample_time, _long_enough)
+
+CHECKS: tuple[Check, ...] = (
+    *CLOCK,
     _dead_channel,
     _stroke_units,
     _documented,

@@ -186,7 +186,7 @@ BAD: dict[str, tuple[Callable[[Desk], tuple[str, ...]], tuple[str, ...]]] = {
         lambda d: (*FIT, "--check", spoilt(d, **{k: v[:500] for k, v in load_recording("check.mat").channels.items()})),
         ("bad.npz", "500 samples", "at least 1000"),
     ),
-    "check that is the record itself": (lambda d: (*FIT, "--check", "fit.mat"), ("fit.mat", "same run")),
+    "check that is the record itself": (lambda d: (*FIT, "--check", "fit.mat"), ("fit.mat", "another trajectory")),
     "record twice": (lambda d: ("fit.mat", *FIT), ("fit.mat", "same run")),
     "unknown key": (
         lambda d: ("fit.mat", "--machine", d.edited("gain =", "gane ="), "--out", "out"),
@@ -374,6 +374,7 @@ def test_a_force_that_no_drive_explains_is_no_fault_of_the_program(desk):
 
 @pytest.mark.parametrize("missing", ["qm", "vir"])
 def test_a_check_record_that_lacks_a_channel_is_refused_before_the_search(desk, idle, missing):
+    """The names in a file may be known before its numbers are read."""
     channels = {k: v for k, v in scipy.io.loadmat("check.mat").items() if k != missing}
     scipy.io.savemat("bad.mat", {k: v for k, v in channels.items() if not k.startswith("__")})
     before = desk.files()

@@ -6,22 +6,57 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
+import scipy.io
 
 from ..devices import forget_programs
 from ..effects import AbstractEffect
 from ..errors import InputError
 from ..files import atomic_write
 from ..formats import load_recording
-from ..hygiene import admit, refuse_repeated
+from ..hygiene import admit_clock, refuse_repeated
 from ..machine import Machine
 from ..recording import Recording
 from .diagnose import diagnose
 from .diagnosis import Diagnosis
 
 
-def outline(check: Recording) -> Recording:
-    """A record with nothing measured in it: t, qg and pulses_N as they are, qm = qg, vir = 0."""
-    return dataclasses.replace(check, qm=check.qg, ql=None, vir=np.zeros(len(check)))
+def outline(path: Path, machine: Machine) -> Recording:
+    """The check record with nothing measured in it: t, qg and pulses_N as in the file, qm = qg, vir = 0.
+
+    Of a MATLAB file nothing else is read. Raises InputError as `load_recording` does.
+    """
+    if path.suffix.lower() == ".mat" and path.is_file():
+        try:
+            variables = scipy.io.loadmat(path, variable_names=["t", "qg", "pulses_N"])
+            there = {name for name, *_ in scipy.io.whosmat(path)}
+            known = {k: np.ravel(v).astype(float) for k, v in variables.items() if not k.startswith("_")}
+        except Exception as error:  # the reader raises whatever a damaged file makes it stumble over
+            raise InputError(f"{path}: not a MATLAB v5 file ({' '.join(str(error).split())}).") from None
+        for name in ("t", "qg", "qm", "vir"):
+            if name not in there:
+                raise InputError(f"{path}: channel {name} is missing; the file holds {', '.join(sorted(there))}.")
+    else:
+        whole = load_recording(path, gain=machine.drive.gain)
+        known = {"t": whole.t, "qg": whole.qg} | ({} if whole.injected is None else {"pulses_N": whole.injected})
+    return Recording(
+        t=known["t"],
+        qg=known["qg"],
+        qm=known["qg"],
+        vir=np.zeros(len(known["qg"])),
+        gain=machine.drive.gain,
+        injected=known.get("pulses_N"),
+        name=path.stem,
+        source=str(path),
+    )
+
+
+def _ahead(path: Path, fits: Sequence[Path], machine: Machine) -> Recording:
+    """The check record's outline, refused now, not after minutes of fitting, where that shows that it cannot serve."""
+    known = outline(path, machine)
+    admit_clock(known, machine)
+    if path.resolve() in {fit.resolve() for fit in fits}:
+        raise InputError(f"{path}: is fitted already; check on another trajectory.")
+    return known
 
 
 def clear(folder: Path) -> None:
@@ -69,16 +104,15 @@ def diagnose_case(
     threads: int = 1,
     say: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """Read a case, diagnose it and write the prediction to `out`/prediction.json before the check record is judged.
+    """Read a case, diagnose it and write the prediction to `out`/prediction.json before the check record is opened.
 
-    Until then nothing measured in the check record is known but that it can be used. Raises InputError: any of the
-    files cannot be used, or two hold the same run.
+    Raises InputError: any of the files cannot be used.
     """
     forget_programs()
     machine = Machine.load(case.machine)
     recordings = [load_recording(path, gain=machine.drive.gain) for path in case.fits]
     refuse_repeated(recordings)
-    ahead = None if case.check is None else outline(_usable(case.check, machine, recordings))
+    ahead = None if case.check is None else _ahead(case.check, case.fits, machine)
     clear(out)  # no folder holds results of two runs
 
     def open_check(predicted: float) -> Recording:
@@ -98,11 +132,3 @@ def diagnose_case(
         threads=threads,
         say=say,
     )
-
-
-def _usable(path: Path, machine: Machine, others: Sequence[Recording]) -> Recording:
-    """The record in a file, refused now and not after minutes of fitting the others."""
-    record = load_recording(path, gain=machine.drive.gain)
-    admit(record, machine)
-    refuse_repeated([*others, record])
-    return record
