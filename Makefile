@@ -3,6 +3,9 @@
 PY := .venv/bin/python
 STAMP := .venv/.setup-done
 
+# A file's tests share compiled programs; files come in the order of tests/conftest.py, those with slow tests first.
+SIDE_BY_SIDE := -n 2 --dist loadfile --no-loadscope-reorder
+
 # Modules set up for another Python, as robot middleware leaves on PYTHONPATH, would shadow the pinned ones.
 unexport PYTHONPATH PYTHONHOME
 
@@ -40,12 +43,12 @@ run: setup
 
 # The recipe begins only when lint has passed, also under make -j.
 test: lint
-	@$(PY) -m pytest -n 2 --dist loadfile
+	@$(PY) -m pytest $(SIDE_BY_SIDE)
 
 test-all: test
 
 test-fast: setup
-	@$(PY) -m pytest -n 2 --dist loadfile -m "not slow"
+	@$(PY) -m pytest $(SIDE_BY_SIDE) -m "not slow"
 
 lint: setup
 	@$(PY) -m ruff check

@@ -112,7 +112,6 @@ class Desk:
 @pytest.fixture
 def desk(tmp_path, emps_like, clean_run, capsys, monkeypatch) -> Iterator[Desk]:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))  # not the user's
     yield Desk(tmp_path, emps_like, clean_run, capsys, monkeypatch)
     assert not plt.get_fignums()
 
