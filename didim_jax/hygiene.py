@@ -27,8 +27,7 @@ class Finding:
 
 def examine(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
     """Run every check; never raises. Refusing findings and odd ones alike, in the order of `CHECKS`."""
-    with np.errstate(all="ignore"):  # a record of absurd size is for the checks to name, not to stumble over
-        return tuple(finding for check in CHECKS for finding in check(recording, machine))
+    return _found(CHECKS, recording, machine)
 
 
 def admit(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
@@ -36,19 +35,24 @@ def admit(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
 
     Raises InputError with the line of the first refusing finding.
     """
-    findings = examine(recording, machine)
+    return _admitted(recording, examine(recording, machine))
+
+
+def admit_clock(recording: Recording, machine: Machine) -> tuple[Finding, ...]:
+    """As `admit`, of the times of a record and their number alone: what was measured is not asked."""
+    return _admitted(recording, _found(CLOCK, recording, machine))
+
+
+def _found(checks: Iterable["Check"], recording: Recording, machine: Machine) -> tuple[Finding, ...]:
+    with np.errstate(all="ignore"):  # a record of absurd size is for the checks to name, not to stumble over
+        return tuple(finding for check in checks for finding in check(recording, machine))
+
+
+def _admitted(recording: Recording, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     for finding in findings:
         if finding.refuse:
             raise InputError(f"{recording.label}: {finding.message}")
     return findings
-
-
-def admit_clock(recording: Recording, machine: Machine) -> None:
-    """Raises InputError where a record has no usable times, or too few; what was measured is not asked."""
-    for check in CLOCK:
-        for finding in check(recording, machine):
-            if finding.refuse:
-                raise InputError(f"{recording.label}: {finding.message}")
 
 
 def refuse_repeated(records: Sequence[Recording]) -> None:

@@ -18,6 +18,9 @@ SOFT = "#5f6b76"
 RIVALS = (("#d55e00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#e69f00", "v"), ("#56b4e9", "P"), ("#20262c", "X"))
 """Colour and marker of each baseline, in order."""
 
+EXACT = {"marker": "D", "markerfacecolor": "white", "markeredgecolor": SOFT}
+"""Of rates of exact answers, beside those of accepted ones."""
+
 
 def rates(ax: Axes, y: Sequence[float], found: Sequence[Mapping[str, Any]], label: str = "", **style: Any) -> None:
     """Shares in percent, each with its interval; of no cases, nothing."""

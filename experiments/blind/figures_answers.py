@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 
 from didim_jax.report.canvas import INK, canvas, label
 
-from .dots import ABSTAINED, MISSED, PART, RIGHT, SOFT, TWIN, WRONG, aside, lowest, names, rates
+from .dots import ABSTAINED, EXACT, MISSED, PART, RIGHT, SOFT, TWIN, WRONG, aside, lowest, names, rates
 from .words import WANTED, between, kind, ordered
 
 _ANSWERS: Mapping[str, tuple[str, str, str]] = {
@@ -117,8 +117,8 @@ def groups_figure(score: Mapping[str, Any]) -> Figure:
     ax = axes[0, 0]
     kept = [(k, *row) for k, row in enumerate(rows) if row]
     rates(ax, [k - 0.13 for k, *_ in kept], [f["accepted"] for *_, f in kept], "accepted (an admitted twin may stand)")
-    hollow = {"color": SOFT, "marker": "D", "markerfacecolor": "white", "markersize": 4.5}
-    rates(ax, [k + 0.17 for k, *_ in kept], [f["exact"] for *_, f in kept], "exact", **hollow)
+    exact = [f["exact"] for *_, f in kept]
+    rates(ax, [k + 0.17 for k, *_ in kept], exact, "exact", color=SOFT, markersize=4.5, **EXACT)
     for k, _, found in kept:
         aside(ax, k, f"{found['accepted']['k']} of {found['accepted']['n']}")
     names(ax, [k for k, *_ in kept], [text for _, text, _ in kept], 9)

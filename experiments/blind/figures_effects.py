@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from didim_jax.report.canvas import INK, canvas, label, logarithmic, title
 
-from .dots import RIGHT, SOFT, aside, names, rates
+from .dots import EXACT, RIGHT, SOFT, aside, names, rates
 from .judge import BLOCKS
 
 _LEAST = 1e-2  # percent: smaller errors are drawn here
@@ -33,10 +33,9 @@ def effects_figure(score: Mapping[str, Any]) -> Figure:
     named, off = axes[0]
     at = {name: k for k, name in enumerate(listed)}
     asked = [name for name in listed if name in found]
-    rates(named, [at[name] for name in asked], [found[name]["accepted"] for name in asked], "accepted")
-    hollow = {"color": "none", "marker": "D", "markerfacecolor": "white", "markeredgecolor": SOFT, "markersize": 3.5}
+    rates(named, [at[name] for name in asked], [found[name]["accepted"] for name in asked])
     exact = [found[name]["exact"] for name in asked]
-    rates(named, [at[name] for name in asked], exact, "exact", **{**hollow, "zorder": 4})
+    rates(named, [at[name] for name in asked], exact, color="none", markersize=3.5, zorder=4, **EXACT)
     for name in asked:
         one = found[name]["accepted"]
         aside(named, at[name], f"{one['k']} of {one['n']}")

@@ -139,7 +139,7 @@ def measured(effect: str, answer: Mapping[str, Any]) -> tuple[float | None, str,
     if effect == "saturation":
         from .truth.sizes import TYPICAL
 
-        share = min(TYPICAL["saturation"] * answer["sizes"][effect], 0.4)
+        share = TYPICAL["saturation"] * realised(effect, answer["sizes"][effect])
         return share, "1", (1 - share) / value
     return value, main.unit, 1.0
 
@@ -249,7 +249,7 @@ def summary(study: Path) -> dict[str, Any]:
 
 def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     trials, largest = usable(name, rows), _largest(name, rows)
-    at = {level: threshold(trials, level, largest) for level in LEVELS}
+    at = {f"p{100 * level:.0f}": threshold(trials, level, largest) for level in LEVELS}
     main, values = MAIN[name], typical_values(rows)
     laws = sorted({row["law"] for row in rows if "law" in row})
     alike = bool(values) and set(values) == set(laws) and max(values.values()) <= _ALIKE * min(values.values())
@@ -258,10 +258,9 @@ def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     least = None if name in UNBOUNDED else _bound(rows)
 
     def shown(factor: float) -> dict[str, Any]:
-        ends = {f"p{100 * level:.0f}": (found.value, found.low, found.high) for level, found in at.items()}
         return {
-            **{key: _times(value, factor) for key, (value, _, _) in ends.items()},
-            **{f"{key}_interval": [_times(low, factor), _times(high, factor)] for key, (_, low, high) in ends.items()},
+            **{key: _times(one.value, factor) for key, one in at.items()},
+            **{f"{key}_interval": [_times(one.low, factor), _times(one.high, factor)] for key, one in at.items()},
             "trials": [[size * factor, named] for size, named in trials],
         }
 
@@ -272,7 +271,7 @@ def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "typical_of_law": values,
         "crlb": _times(least, typical),
         **shown(typical),
-        "below": {f"p{100 * level:.0f}": found.below for level, found in at.items()},
+        "below": {key: one.below for key, one in at.items()},
         "n": len(trials),
         "own_name": sum(bool(row.get("named")) and name in row["found"] for row in rows),
         "laws": laws,

@@ -204,11 +204,12 @@ def _machine(found: Mapping[str, Any]) -> str:
 
 def _ablations(found: Mapping[str, Any] | None, score: Mapping[str, Any], draw: Callable[..., Picture]) -> Section:
     heading = "What each ingredient is worth"
-    judged = ablated(found, score) if found else []
+    if not found:
+        return Section(heading, [Text(words.NOT_RUN.format(ABLATIONS))])
+    judged = ablated(found, score)
     if not any(one.right["n"] for one in judged):
-        why = words.NOT_RUN.format(ABLATIONS) if not found else f"Not run on these cases: {ABLATIONS} holds others."
-        return Section(heading, [Text(why)])
-    n, right, sealed = complete_and_sealed(found or {}, score)
+        return Section(heading, [Text(f"Not run on these cases: {ABLATIONS} holds others.")])
+    n, right, sealed = complete_and_sealed(found, score)
     text = (
         "The diagnosis with one ingredient removed, on the same cases, after their seals were opened, without their "
         f"check records. Complete it is right in {right} of {n}; {sealed} of these when they were sealed: what was "
@@ -217,10 +218,10 @@ def _ablations(found: Mapping[str, Any] | None, score: Mapping[str, Any], draw: 
     sizes = {one.right["n"] for one in judged}
     if len(sizes) > 1:
         text += " The variants did not run on equally many cases; points behind count those that both ran on."
-    if skipped := sorted({case for cases in (found or {}).values() for case in cases} - _cases(score)):
+    if skipped := sorted({case for cases in found.values() for case in cases} - _cases(score)):
         text += f" {len(skipped)} cases are not of this study and are left out, the first {skipped[0]}."
     caption = "Right by the rules of the study, with 95 % Wilson intervals; grey line: the complete diagnosis."
-    made_at = {entry.get("commit") for cases in (found or {}).values() for entry in cases.values()}
+    made_at = {entry.get("commit") for cases in found.values() for entry in cases.values()}
     text += f" {words.commits(sorted(made_at, key=str))}"
     return Section(
         heading, [Text(text), draw("ablations", caption, ablations_figure, judged), tables.ablations(judged)]

@@ -202,8 +202,8 @@ def periodic(amplitude: float, phase: float, lead: float) -> Callable[[np.ndarra
 class Planted:
     """A case: what is done to both records, what is true, and how the answer is judged.
 
-    `rule`: first (found first), pulses, planted (among those found), absorbed (as without it) or logged (said in the
-    remark `remark`, and no effect named for it but `also`). `tolerance` of the size, relative.
+    `rule`: one of `RULES`; of what was logged wrongly, `remark` is to be said and `also` may be named. `tolerance` of
+    the size, relative.
     """
 
     what: str

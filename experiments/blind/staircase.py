@@ -25,7 +25,7 @@ SMALLEST, LARGEST = 0.01, 5.0
 
 _MIDDLE, _MIDDLE_STD = np.log(0.4), 1.5
 _SLOPE, _SLOPE_STD = np.log(3.0), 1.0
-_USUAL_LAPSE = 0.04
+_USUAL_LAPSE = 0.04  # mean of an exponential prior
 _FALL = 0.5 * 3.841458820694124  # of the log-likelihood at the ends of a 95 % interval, one parameter
 
 _PLACES = np.linspace(np.log(2e-3), np.log(50.0), 291)
@@ -65,7 +65,7 @@ def next_size(trials: Sequence[Trial], level: float, largest: float = LARGEST) -
 def threshold(trials: Sequence[Trial], level: float, largest: float = LARGEST) -> Threshold:
     """Maximum likelihood under the weak prior, and where the profile over the rest falls by chi2(95 %) / 2.
 
-    With a dozen trials it holds the size in 80 % of the time or more (simulated): the prior has a say in it.
+    With a dozen trials the interval holds the size in 80 % of the time or more (simulated): the prior has a say in it.
     """
     profile = np.max([_log_posterior(trials, level, p).max(axis=1) for p in LAPSES if level < 1 - p], axis=0)
     # What is missed too often whatever the size reaches the level nowhere: any place will do for another level.
