@@ -51,7 +51,7 @@ def limits_figure(limits: Mapping[str, Any]) -> Figure:
             tidy(ax)
             _panel(ax, unit, some, limits["effects"])
             top -= tall + _HEAD
-    figure.legend(handles=_legend(), loc="upper left", ncols=6, fontsize=8.5, frameon=False, columnspacing=1.3)
+    figure.legend(handles=_legend(), loc="upper left", ncols=7, fontsize=8.5, frameon=False, columnspacing=1.2)
     return figure
 
 
@@ -59,7 +59,7 @@ def _panel(ax: Axes, unit: str, some: list[str], effects: Mapping[str, Any]) -> 
     seen: list[float] = []
     scale, shown = practical(unit, max(effects[name]["typical"] or 0.0 for name in some))
     for y, name in enumerate(some):
-        one = _scaled(effects[name], scale)
+        one, below = _scaled(effects[name], scale), effects[name].get("below") or {}
         for size, named in one["trials"]:
             colour, marker, place = (RIGHT, "|", y - 0.27) if named else (WRONG, "x", y + 0.27)
             ax.plot(size, place, marker, color=colour, markersize=4, alpha=0.7, markeredgewidth=0.9)
@@ -67,16 +67,17 @@ def _panel(ax: Axes, unit: str, some: list[str], effects: Mapping[str, Any]) -> 
         p50, p90 = one["p50"], one["p90"]
         if p50 and p90:
             ax.plot([p50, p90], [y, y], color=RIGHT, linewidth=3.2, alpha=0.35, solid_capstyle="butt")
-        for value, key, face in ((p50, "p50_interval", "white"), (p90, "p90_interval", RIGHT)):
-            low, high = one[key]
+        for level, face in (("p50", "white"), ("p90", RIGHT)):
+            value, (low, high) = one[level], one[f"{level}_interval"]
             if low:
-                end = high or max([low, *(size for size, _ in one["trials"])])
+                end = high or max([low, value or low, *(size for size, _ in one["trials"])])
                 ax.plot([low, end], [y, y], color=RIGHT, linewidth=1.0)
                 if high is None:
                     ax.plot(end, y, ">", color=RIGHT, markersize=4)
                 seen += [low, end]
             if value:
-                ax.plot(value, y, "o", color=RIGHT, markerfacecolor=face, markersize=6, zorder=4)
+                marker = "<" if below.get(level) else "o"
+                ax.plot(value, y, marker, color=RIGHT, markerfacecolor=face, markersize=6, zorder=4)
                 seen.append(value)
         if one["typical"]:
             ax.plot(one["typical"], y, "^", color=ABSTAINED, markeredgecolor=SOFT, markersize=6, zorder=3)
@@ -88,7 +89,7 @@ def _panel(ax: Axes, unit: str, some: list[str], effects: Mapping[str, Any]) -> 
     positive = [x for x in seen if x and x > 0] or [0.1, 1.0]
     low, high = min(positive) / 1.4, max(positive) * 1.4
     logarithmic(ax.xaxis, low, high)
-    if high > 50 * low:
+    if high > 120 * low:
         logarithmic(ax.xaxis, low, 1000 * low)
     ax.set_xlim(low, high)
     ax.set_ylim(len(some) - 0.5, -0.5)
@@ -114,6 +115,7 @@ def _legend() -> list[Line2D]:
         Line2D([], [], marker="s", color=INK, markersize=4.5, label="Cramér-Rao bound (1 std)", **none),
         Line2D([], [], marker="o", color=RIGHT, markerfacecolor="white", markersize=6, label="named in 50 %", **none),
         Line2D([], [], marker="o", color=RIGHT, markersize=6, label="named in 90 %", **none),
+        Line2D([], [], marker="<", color=RIGHT, markerfacecolor="white", markersize=6, label="or less", **none),
         Line2D([], [], marker="^", color=ABSTAINED, markeredgecolor=SOFT, markersize=6, label="typical size", **none),
         Line2D([], [], marker="|", color=RIGHT, markersize=6, label="trial: named", **none),
         Line2D([], [], marker="x", color=WRONG, markersize=4, label="trial: not named", **none),
