@@ -68,8 +68,9 @@ def build[T](cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         errors = error.errors(include_url=False, include_context=False)
     # A misspelt key also leaves the right one missing: the unknown key is the cause, so it comes first.
     first = min(errors, key=lambda e: e["type"] not in _UNKNOWN)
-    more = f" ({len(errors) - 1} more in the same file)" if len(errors) > 1 else ""
     sentence = _sentence(cls, first)
+    others = [key for e in errors if (key := f"'{_dotted(e['loc'])}'") not in sentence and e["loc"]]
+    more = f" (also wrong or missing: {', '.join(others)})" if others else ""
     raise InputError(f"{where}: {sentence}{'' if sentence.endswith('?') else '.'}{more}")
 
 

@@ -84,6 +84,14 @@ def test_a_mistake_is_one_line_with_file_and_key(tmp_path, text, line):
     assert "\n" not in message
 
 
+def test_other_mistakes_of_the_file_are_named_and_not_twice(tmp_path):
+    with pytest.raises(InputError) as caught:
+        _load(tmp_path, "[filter]\ncutof = -1.0\ndecimation = 0")
+    assert str(caught.value).endswith(
+        "unknown key 'filter.cutof', did you mean 'filter.cutoff'? (also wrong or missing: 'seed', 'filter.decimation')"
+    )
+
+
 def test_an_unknown_key_is_an_error_even_where_the_class_does_not_forbid_it(tmp_path):
     with pytest.raises(InputError, match="unknown key 'sead', did you mean 'seed'"):
         _load(tmp_path, "sead = 1", Lax)
