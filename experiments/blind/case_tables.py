@@ -13,7 +13,7 @@ def real(found: Mapping[str, Any]) -> Tabular:
     """Measured records, or measured records with an exact change whose answer is known."""
     rows = []
     for one in found["cases"]:
-        answers = ("+".join(one["truth"]) or "none", "+".join(one["found"]) or "none", one["verdict"])
+        answers = (" + ".join(one["truth"]) or "none", " + ".join(one["found"]) or "none", one["verdict"])
         right = "right" if one["right"] else "WRONG"
         sizes = _beside_truth(one.get("parameter") or {})
         asked = RULES.get(one.get("rule", ""), "-")
@@ -37,7 +37,7 @@ def wrong(score: Mapping[str, Any], answers: Mapping[str, Any]) -> Tabular:
     rows = []
     for row in sorted(score["rows"], key=lambda row: (rank[row["stratum"]], row["truth"], row["case"])):
         if not row["accepted"]:
-            names = "+".join(row["found"])
+            names = " + ".join(row["found"])
             verdict = "" if row["verdict"] == "effect" else f"{row['verdict']}: "
             said = f"{verdict}{names}" if names else row["note"] or row["verdict"]
             sure = f"{100 * max(row['ranking'].values()):.0f} %" if row["ranking"] else "-"

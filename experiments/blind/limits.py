@@ -40,7 +40,7 @@ from ..study import write_json
 from .intervals import rate
 from .judge import blank_row, judge
 from .layout import read_json
-from .main_parameter import MAIN, true_size
+from .main_parameter import MAIN, proportional, true_size
 from .plan import ALIAS
 from .staircase import LARGEST, LEVELS, Trial, next_size, threshold
 
@@ -56,10 +56,6 @@ SPOT_TRIALS = 4
 
 _TRIES = 5
 _BELOW = 0.7  # of a size that no motion bears: the largest to ask from then on
-
-
-_RENAMED = {"saturation": ("share of the peak cut off", "1"), "base_flexibility": ("1/mb", "1/kg")}
-"""Of these the main parameter is not proportional to the size, and what is stands here: see `measured`."""
 
 UNBOUNDED = (*CONTROLLER, "gain_nonlinearity")
 """Read off the control law, which leaves rounding; or of another law, in which k is something else."""
@@ -132,7 +128,7 @@ def measured(effect: str, answer: Mapping[str, Any]) -> tuple[float | None, str,
     """
     main, true = MAIN[effect], true_size(effect, answer)
     if true is None:
-        return None, _RENAMED.get(effect, ("", main.unit))[1], 1.0
+        return None, proportional(effect)[1], 1.0
     value = abs(true)
     if effect == "base_flexibility":
         return 1 / value, "1/kg", 1.0
@@ -250,11 +246,11 @@ def summary(study: Path) -> dict[str, Any]:
 def _limit(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     trials, largest = usable(name, rows), _largest(name, rows)
     at = {f"p{100 * level:.0f}": threshold(trials, level, largest) for level in LEVELS}
-    main, values = MAIN[name], typical_values(rows)
+    values = typical_values(rows)
     laws = sorted({row["law"] for row in rows if "law" in row})
     alike = bool(values) and set(values) == set(laws) and max(values.values()) <= _ALIKE * min(values.values())
     typical = float(np.median([*values.values()])) if alike else 1.0
-    parameter, unit = _RENAMED.get(name, (main.name, main.unit)) if alike else ("size", "typical sizes")
+    parameter, unit = proportional(name) if alike else ("size", "typical sizes")
     least = None if name in UNBOUNDED else _bound(rows)
 
     def shown(factor: float) -> dict[str, Any]:

@@ -54,6 +54,13 @@ MAIN: Mapping[str, Main] = {
     "disturbance_pulses": Main("A", "N", ("A",)),
 }
 
+_RENAMED = {"saturation": ("share of the peak cut off", "1"), "base_flexibility": ("1/mb", "1/kg")}
+
+
+def proportional(effect: str) -> tuple[str, str]:
+    """Name and unit of what grows with the effect: its main parameter, or what stands for one that falls."""
+    return _RENAMED.get(effect, (MAIN[effect].name, MAIN[effect].unit))
+
 
 def amplitude(parts: Sequence[Mapping[str, Any]]) -> float:
     """The value that an estimate's parts are: one its own, a sine and a cosine their amplitude."""

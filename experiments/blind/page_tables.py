@@ -103,7 +103,8 @@ def limits(found: Mapping[str, Any]) -> Tabular:
             if (one.get("below") or {}).get(key):
                 return f"below {_short(scale * one[key], 3)} (to {upper})"
             within = "" if low is None else f" ({_short(scale * low)} to {upper})"
-            return ("not reached" if one[key] is None else _short(scale * one[key], 3)) + within
+            absent = "-" if key == "crlb" else "not reached"
+            return (absent if one[key] is None else _short(scale * one[key], 3)) + within
 
         over = f"{one['p50'] / one['crlb']:.0f}" if one["p50"] and one["crlb"] else "-"
         hits = sum(bool(hit) for _, hit in one["trials"])

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .main_parameter import MAIN
+from .main_parameter import proportional
 
 KINDS = {
     "single": "one effect, typical size",
@@ -82,10 +82,10 @@ def typical_sizes(limits: Mapping[str, Any]) -> list[str]:
     for name, one in limits["effects"].items():
         laws = one.get("typical_of_law") or {}
         if one["parameter"] == "size" and laws:
-            main = MAIN[name]
-            scale, unit = practical(main.unit, max(laws.values()))
+            parameter, si = proportional(name)
+            scale, unit = practical(si, max(laws.values()))
             values = "; ".join(f"{scale * value:.3g} {unit}".strip() + f" ({law})" for law, value in laws.items())
-            said.append(f"A typical size of {name}, {main.name}: {values}.")
+            said.append(f"A typical size of {name}, {parameter}: {values}.")
     return said
 
 
