@@ -13,12 +13,14 @@ def real(found: Mapping[str, Any]) -> Tabular:
     """Measured records, or measured records with an exact change whose answer is known."""
     rows = []
     for one in found["cases"]:
-        answers = (" + ".join(one["truth"]) or "none", " + ".join(one["found"]) or "none", one["verdict"])
         right = "right" if one["right"] else "WRONG"
+        names = (" + ".join(one[key]) or "none" for key in ("truth", "found"))
         sizes = _beside_truth(one.get("parameter") or {})
         asked = RULES.get(one.get("rule", ""), "-")
-        rows.append((one["case"], one["what"], asked, *answers, right, sizes, _gap(one.get("gap") or {})))
-    header = ("case", "record (MEASURED) and what was done", "asked", "truth", "found", "verdict", "", "size", "gap")
+        rows.append(
+            (one["case"], one["what"], asked, *names, f"{one['verdict']}: {right}", sizes, _gap(one.get("gap") or {}))
+        )
+    header = ("case", "record (MEASURED) and what was done", "asked", "truth", "found", "verdict", "size", "gap")
     return held(header, rows)
 
 
