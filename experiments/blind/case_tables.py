@@ -21,7 +21,7 @@ def real(found: Mapping[str, Any]) -> Tabular:
             (one["case"], one["what"], asked, *names, f"{one['verdict']}: {right}", sizes, _gap(one.get("gap") or {}))
         )
     header = ("case", "record (MEASURED) and what was done", "asked", "truth", "found", "verdict", "size", "gap")
-    return held(header, rows)
+    return Tabular(header, rows)
 
 
 def _beside_truth(size: Mapping[str, Any]) -> str:
