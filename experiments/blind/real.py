@@ -299,7 +299,7 @@ def real(study: Path) -> dict[str, Any] | None:
         open_seals(out, out / ANSWERS)
     verify_all(out)
     answers = read_json(out / OPENED, "the answers")
-    found = {name: _document(out / DIAGNOSES / name / "diagnosis.json") for name in sorted(answers)}
+    found = {name: _document(out, name) for name in sorted(answers)}
     by_rule = {document["answer"]["rule"]: name for name, document in answers.items()}
     plain, lag = found[by_rule["first"]], own_lag(found[by_rule["pulses"]])
     rows = [judged(name, answers[name]["answer"], found[name], plain, lag) for name in sorted(answers)]
@@ -450,8 +450,14 @@ def _size(
     return {key: told}
 
 
-def _document(path: Path) -> dict[str, Any] | None:
-    return read_json(path, "the diagnosis") if path.exists() else None
+def _document(out: Path, name: str) -> dict[str, Any] | None:
+    """The diagnosis of a case, its records named without their folder: what is published is the same everywhere."""
+    path = out / DIAGNOSES / name / "diagnosis.json"
+    if not path.exists():
+        return None
+    found = read_json(path, "the diagnosis")
+    here = f"{out / CASES / name}/"
+    return {**found, "remarks": [said.removeprefix(here) for said in found["remarks"]]}
 
 
 def print_real(document: Mapping[str, Any]) -> None:
