@@ -1,15 +1,18 @@
 """What was published of a blind study holds together: ledger, seals, score and page; and README quotes that score."""
 
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.blind.layout import OPENED, SCORE, digest, read_json
 from experiments.blind.ledger import verify
-from experiments.blind.page import report
+from experiments.blind.page import LIMITS, report
 from experiments.blind.page_tables import headline
 from experiments.blind.seal import verify_answers
+from experiments.blind.words import practical
 
 STUDIES = Path(__file__).resolve().parents[1] / "experiments" / "blind" / "studies"
 FOLDERS = sorted(path for path in STUDIES.iterdir() if path.is_dir())
@@ -54,3 +57,21 @@ def test_readme_quotes_the_newest_score() -> None:
     assert "Seven of seventeen targets are missed" in text
     visible = next(one for one in score["headline"] if one["what"] == "of these, a gap above 1.2 floors: accepted")
     assert f"{visible['k']} of the other {visible['n']}" in " ".join(text.split())
+
+
+def test_readme_quotes_the_limits() -> None:
+    """Every row of its table, the effects without a 90 % limit, and the spot checks."""
+    found = read_json(FOLDERS[-1] / LIMITS, "limits")
+    text = " ".join((STUDIES.parents[2] / "README.md").read_text(encoding="utf-8").split())
+    rows = re.findall(r"\| (\w+) \| ([\d.]+) [^|]+ \| ([\d.]+) [^|]+ \|", text)
+    assert len(rows) == 10
+    for name, *quoted in rows:
+        one = found["effects"][name]
+        scale, _ = practical(one["unit"], one["typical"])
+        for value, key in zip(map(float, quoted), ("p50", "p90"), strict=True):
+            assert np.isclose(value / scale, one[key], rtol=0.05) or np.isclose(1e-3 * value, one[key], rtol=0.05)
+    lost = [name for name, one in found["effects"].items() if one["p90"] is None]
+    assert f"reached at no size for {', '.join(lost[:-1])} and {lost[-1]}" in text
+    for level, words in ((0.5, "named where 50 % were foreseen"), (0.9, "where 90 %")):
+        seen = [at for check in found["spot_checks"] for at in check["seen"] if at["foreseen"] == level]
+        assert f"{sum(at['k'] for at in seen)} of {sum(at['n'] for at in seen)} {words}" in text
