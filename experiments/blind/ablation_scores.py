@@ -4,19 +4,18 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from .intervals import lead, rate
 from .judge import agreement
 
 WORDS = {
     "complete": "complete diagnosis",
     "no_projection": "nuisances not projected out in the preselection",
-    "no_numerics": "numerical nuisances and the load side's friction held",
+    "no_numerics": "width and shape of friction's sign held, not fitted",
+    "no_start": "initial state as the first samples say, not fitted",
     "no_whitening": "white noise instead of whitening",
     "force_only": "motor force only: no control law, no encoder grid, no load encoder",
-    "didim_jacobian": "DIDIM's Jacobian, not the exact one",
-    "fit_only": "every gain on the fit adopted",
+    "didim_jacobian": "DIDIM's Jacobian in the same solver, not the exact one",
+    "fit_only": "no test on blocks left out; the other rules remain",
 }
 """Ablation to what is different in it."""
 
@@ -34,7 +33,6 @@ class Ablated:
     alarms: Mapping[str, Any]
     behind: float | None
     interval: tuple[float, float] | None
-    seconds: float | None
     errors: int
 
     @property
@@ -57,7 +55,6 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
         behind = lead([complete[case] for case in both], [right[name][case] for case in both])
         judged = {case: answers[name][case] for case in right[name]}
         quiet = [said for case, said in judged.items() if rows[case]["stratum"] in ("none", "numerics")]
-        seconds = [said["seconds"] for said in judged.values() if "seconds" in said]
         out.append(
             Ablated(
                 name,
@@ -67,7 +64,6 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
                 rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
                 behind["ahead"],
                 behind["interval"],
-                float(np.median(seconds)) if seconds else None,
                 sum("error" in said for said in judged.values()),
             )
         )

@@ -9,13 +9,15 @@ place of a named one of `didim_jax.gap` for as long as the cases run, and puts t
 | ablation | in place of | what is there instead |
 |---|---|---|
 | `no_projection` | `search.score` | the same score, nuisances not projected out of signature and residual |
-| `no_numerics` | `Searcher.base`, `._sharpened` | smoothing speed, the load side's friction, initial state held |
+| `no_numerics` | `Searcher.base`, `._starts`, `._sharpened` | friction's sign held, `HELD_SIGN` wide, a tanh |
+| `no_start` | `Searcher.base` | initial state held at what the first samples say |
 | `no_whitening` | `Prepared.whitening`, `Searcher.weigh_by_noise`, `.log_likelihood` | white noise of the same rms |
 | `force_only` | `diagnose.read_off`, `diagnose.CONTROLLER` | nothing read; the controller's effects are searched |
 | `didim_jacobian` | `diagnose.prepare` | its model's columns are DIDIM's, of the force along a motion held fixed |
-| `fit_only` | `hunt._gains_elsewhere` | every refit that gains enough is adopted |
+| `fit_only` | `hunt._gains_elsewhere`, `._certain` | no gain asked on blocks left out; the other rules remain |
 
-Without whitening, what decides on `unexplained` is still told under each residual's own noise.
+Without the other channels nothing can name a coarser encoder grid. Without whitening, what decides on `unexplained` is
+still told under each residual's own noise. All thresholds are those of the complete diagnosis.
 
 The replacement holds for the whole process: one ablation at a time, cases side by side within it. Of a case only
 fit.mat and machine.toml are read. DIR/ablations.json holds verdict, effects, groups of twins, ranking, seconds and
@@ -40,6 +42,7 @@ from didim_jax.cli import program
 from didim_jax.devices import cores
 from didim_jax.effects import SAMPLED
 from didim_jax.effects.catalogue import CATALOGUE
+from didim_jax.errors import InputError
 from didim_jax.formats import load_recording
 from didim_jax.gap import diagnose as diagnosing
 from didim_jax.gap import hunt, search
@@ -48,6 +51,7 @@ from didim_jax.gap.fit import Fit, Problem
 from didim_jax.gap.noise import Whitening
 from didim_jax.gap.prepared import Channel, Prepared, prepare
 from didim_jax.gap.readings import Readings
+from didim_jax.gap.rounded import SHAPE
 from didim_jax.gap.score import Each, Score, in_turn, score
 from didim_jax.gap.search import Searcher
 from didim_jax.machine import Machine
@@ -65,6 +69,7 @@ class Ingredients:
 
     projection: bool = True
     numerics: bool = True
+    start: bool = True
     whitening: bool = True
     other_channels: bool = True
     exact_jacobian: bool = True
@@ -75,6 +80,7 @@ ABLATIONS: Mapping[str, Ingredients] = {
     "complete": Ingredients(),
     "no_projection": Ingredients(projection=False),
     "no_numerics": Ingredients(numerics=False),
+    "no_start": Ingredients(start=False),
     "no_whitening": Ingredients(whitening=False),
     "force_only": Ingredients(other_channels=False),
     "didim_jacobian": Ingredients(exact_jacobian=False),
@@ -89,7 +95,10 @@ def only(ingredients: Ingredients) -> Iterator[None]:
     if not ingredients.projection:
         changes.append((search, "score", unprojected))
     if not ingredients.numerics:
-        changes += [(Searcher, "base", property(physical)), (Searcher, "_sharpened", as_it_is)]
+        changes += [(Searcher, "base", property(but_the_sign)), (Searcher, "_sharpened", as_it_is)]
+        changes.append((Searcher, "_starts", with_held_sign))
+    if not ingredients.start:
+        changes.append((Searcher, "base", property(but_the_start)))
     if not ingredients.whitening:
         changes += [(Prepared, "whitening", white), (Searcher, "log_likelihood", white_likelihood)]
         changes.append((Searcher, "weigh_by_noise", Searcher.weigh))
@@ -111,17 +120,26 @@ def unprojected(problem: Problem, fit: Fit, effects: Sequence[Any], each: Each =
     return score(problem, dataclasses.replace(fit, jacobian=fit.jacobian[:, :0]), effects, each)
 
 
-_base = vars(Searcher)["base"].fget
+HELD_SIGN = 3e-5
+"""Speed (m/s) over which friction's sign rises where it is held: so narrow that the drive hardly creeps at rest."""
+
+_base, _starts = vars(Searcher)["base"].fget, vars(Searcher)["_starts"]
 
 
-def physical(searcher: Searcher) -> list[int]:
-    """Places of what every fit moves, numerical nuisances held.
+def but_the_sign(searcher: Searcher) -> list[int]:
+    """Places of what every fit moves, how friction's sign rises held."""
+    held = {searcher.model.index[name] for name in SHAPE if name in searcher.model.index}
+    return [i for i in _base(searcher) if i not in held]
 
-    Smoothing speed and tail stay where the search begins (0.3 mm/s, rigid 1 mm/s; none), the load side's friction at
-    half of the rigid inverse model's, the initial state at what the first samples say.
-    """
-    model = searcher.model
-    held = {*model.of("start"), *(model.index[n] for n in ("v_eps", "tail", "Fv2", "Fc2") if n in model.index)}
+
+def with_held_sign(searcher: Searcher) -> list[np.ndarray]:
+    """Where the nominal fit begins, with the width that stays."""
+    return [searcher.model.encode(x, {"v_eps": HELD_SIGN}) for x in _starts(searcher)]
+
+
+def but_the_start(searcher: Searcher) -> list[int]:
+    """Places of what every fit moves, the initial state held."""
+    held = set(searcher.model.of("start"))
     return [i for i in _base(searcher) if i not in held]
 
 
@@ -230,13 +248,17 @@ def diagnose_all(
 ) -> dict[str, dict[str, Any]]:
     """Diagnose the `chosen` cases of a folder (all when empty) under every ablation; write `out`/ablations.json.
 
-    What fails leaves its error there in place of a verdict, and is tried again by the next call.
+    What fails leaves its error there in place of a verdict, and is tried again by the next call. Raises InputError: a
+    chosen case that is not there.
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "ablations.json"
     done: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     lock = threading.Lock()
-    wanted, at = [case for case in cases_in(cases) if not chosen or case.name in chosen], commit()
+    there = cases_in(cases)
+    if missing := sorted(set(chosen) - {case.name for case in there}):
+        raise InputError(f"{cases}: no case {missing[0]} in it; nothing was diagnosed.")
+    wanted, at = [case for case in there if not chosen or case.name in chosen], commit()
     with calls(threads) as call:
         for name in ablations:
             results = done.setdefault(name, {})

@@ -155,9 +155,8 @@ def ablations(found: Sequence[Ablated]) -> Tabular:
         behind = "-" if one.behind is None else f"{100 * one.behind:+.1f}{spread}"
         right = f"{one.right['k']} of {one.right['n']} ({between(one.right, digits=0)} %)"
         alarms = f"{one.alarms['k']} of {one.alarms['n']}"
-        seconds = "-" if one.seconds is None else f"{one.seconds:.0f}"
         kinds = (f"{some['k']} of {some['n']}" for some in (one.single, one.outside))
-        rows.append((one.words, right, *kinds, alarms, behind, seconds, str(one.errors)))
+        rows.append((one.words, right, *kinds, alarms, behind, str(one.errors)))
     header = (
         "variant",
         "right (95 %)",
@@ -165,7 +164,6 @@ def ablations(found: Sequence[Ablated]) -> Tabular:
         "of no catalogue",
         "false alarms",
         "behind the complete one, points (95 %)",
-        "time a case, s (median)",
         "errors",
     )
     return held(header, rows)
