@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.signal
 from gap_machine import path, record
 
 from didim_jax.effects.actuator import Cogging
+from didim_jax.effects.coupling import CouplingDamping
 from didim_jax.effects.environment import Offset
 from didim_jax.formats import save_recording
 from didim_jax.gap import diagnose, hunt, search
@@ -196,3 +198,43 @@ def test_didim_columns_are_those_of_the_inverse_model(nominal: Recording, emps_l
         a, b = p.filtered(column, p.channels[0]), p.decimation(own)
         # 1 N of noise in the recorded motion, along which `expected` is, and the motion changing within a sample
         assert a @ b > 0.999 * np.linalg.norm(a) * np.linalg.norm(b)
+
+
+def test_didim_columns_of_a_flexible_drive_are_those_of_its_transfer_functions(emps_like: Machine):
+    """Along a fixed motor motion q1: p^2 q1 and p q1 for the motor side, G^2 p^2 q1 for M2, (1 - G)^2 q1 for K12."""
+    machine = dataclasses.replace(emps_like, model="flexible")
+    run = record(machine, path())
+    p = prepare(run, machine, (CouplingDamping,))
+    K, M2, Fv2, C = 7e5, 35.0, 10.0, 2000.0  # damped: what the record begins with is soon forgotten
+    size = {"M1": 60.0, "Fv1": 200.0, "Fc1": 20.0, "M2": M2, "Fv2": Fv2, "Fc2": 0.0, "K12": K, "v_eps": 4e-4}
+    x = p.model.encode(np.zeros(len(p.model.entries)), {**size, "coupling_damping.C": C})
+    names = ("M1", "Fv1", "M2", "K12")
+    chosen = [p.model.index[name] for name in names]
+    value, exact = p.model.columns(x, chosen)
+    found = along_fixed_motion(p, x, chosen, value, exact)
+    law, q = machine.controller, np.full(len(run) + 2, run.qg[0])
+    for k, tau in enumerate(value[0]):  # the simulated motion, of which the control law made this force
+        ahead = law.kp * run.qg[k] - tau / (machine.drive.gain * law.kv)
+        q[k + 2] = (ahead + q[k] / (2 * run.dt)) / (law.kp + 1 / (2 * run.dt))
+    q = q[2:]
+    v = np.gradient(q, run.dt)
+    a, whole = np.gradient(v, run.dt), [M2, C + Fv2, K]
+    behind, slip = ([C, K], whole), ([M2, Fv2, 0.0], whole)
+
+    def twice(transfer: tuple[list[float], list[float]], signal: np.ndarray) -> np.ndarray:
+        for _ in range(2):
+            signal = scipy.signal.lsim(transfer, signal, run.t - run.t[0])[1]
+        return signal
+
+    expected = {"M1": a, "Fv1": v, "M2": twice(behind, a), "K12": twice(slip, q - q[0])}
+    late = slice(len(p.decimation(v)) // 3, None)
+    for name, place, column, plain in zip(names, chosen, found, exact, strict=True):
+        unit = 1e-6 * np.eye(len(x))[place]
+        per_step = (p.model.decode(x + unit)[name] - p.model.decode(x - unit)[name]) / 2e-6
+        own = per_step * p.decimation(expected[name])[late]
+
+        def apart(y: np.ndarray, own: np.ndarray = own) -> float:
+            """Share of the inverse model's column that is missing in this one."""
+            return float(np.linalg.norm(p.filtered(y, p.channels[0])[late] - own) / np.linalg.norm(own))
+
+        assert apart(column) < min(0.1, 0.5 * apart(plain)), (name, apart(column), apart(plain))

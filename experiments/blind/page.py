@@ -212,7 +212,8 @@ def _ablations(found: Mapping[str, Any] | None, score: Mapping[str, Any], draw: 
     n, right, sealed = complete_and_sealed(found, score)
     text = (
         "The diagnosis with one ingredient removed, on the same cases, after their seals were opened, without their "
-        f"check records. Complete it is right in {right} of {n}; {sealed} of these when they were sealed: what was "
+        "check records; all thresholds are those of the complete one. What changes no answer here was not needed on "
+        f"these cases. Complete it is right in {right} of {n}; {sealed} of these when they were sealed: what was "
         "mended since, some of it on these cases, is the difference."
     )
     sizes = {one.right["n"] for one in judged}
@@ -245,10 +246,17 @@ def _real(found: Mapping[str, Any] | None) -> Section:
         "diagnosis makes as well, so that its onsets are what is tested; planted sizes are plain ones, many times the "
         "detection limits. Beside a planted effect the machine's own may be named, which nobody knows. The true delay "
         "is the planted one on top of what is found in the record with the pulses, the true M after a wrong gain that "
-        "of the unchanged record, scaled. So few cases "
+        "of the unchanged record, scaled. Right: what was done is named or said, within its tolerance; of the effects "
+        f"named beside it nothing is known. Gap foretold within 25 % in {_foretold(found)} of them. So few cases "
         f"give no rate. {words.commits(found.get('commits', []))}"
     )
     return Section(heading, [Text(text), case_tables.real(found)])
+
+
+def _foretold(found: Mapping[str, Any]) -> int:
+    """Of how many cases what would be left on the other record was said beforehand to a quarter."""
+    gaps = [(one.get("gap") or {}).get("check") or {} for one in found["cases"]]
+    return sum(abs((gap.get("predicted_after") or 0) / gap["after"] - 1) <= 0.25 for gap in gaps if gap.get("after"))
 
 
 def _wrong(score: Mapping[str, Any], answers: Mapping[str, Any]) -> Section:
