@@ -120,8 +120,8 @@ def unprojected(problem: Problem, fit: Fit, effects: Sequence[Any], each: Each =
     return score(problem, dataclasses.replace(fit, jacobian=fit.jacobian[:, :0]), effects, each)
 
 
-HELD_SIGN = 3e-5
-"""Speed (m/s) over which friction's sign rises where it is held: so narrow that the drive hardly creeps at rest."""
+HELD_SIGN = 1e-6
+"""Speed (m/s) over which friction's sign rises where it is held: the least there is, so that the drive sticks at rest."""
 
 _base, _starts = vars(Searcher)["base"].fget, vars(Searcher)["_starts"]
 
