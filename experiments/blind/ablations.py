@@ -121,7 +121,7 @@ def unprojected(problem: Problem, fit: Fit, effects: Sequence[Any], each: Each =
 
 
 HELD_SIGN = 1e-6
-"""Speed (m/s) over which friction's sign rises where it is held: the least there is, so that the drive sticks at rest."""
+"""Speed (m/s) over which friction's sign rises where it is held: the least there is, a drive that sticks at rest."""
 
 _base, _starts = vars(Searcher)["base"].fget, vars(Searcher)["_starts"]
 
