@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.blind.ablation_scores import ablated
 from experiments.blind.layout import OPENED, SCORE, digest, read_json
 from experiments.blind.ledger import verify
-from experiments.blind.page import LIMITS, report
+from experiments.blind.page import ABLATIONS, LIMITS, report
 from experiments.blind.page_tables import headline
 from experiments.blind.seal import verify_answers
 from experiments.blind.words import practical
@@ -75,3 +76,17 @@ def test_readme_quotes_the_limits() -> None:
     for level, words in ((0.5, "named where 50 % were foreseen"), (0.9, "where 90 %")):
         seen = [at for check in found["spot_checks"] for at in check["seen"] if at["foreseen"] == level]
         assert f"{sum(at['k'] for at in seen)} of {sum(at['n'] for at in seen)} {words}" in text
+
+
+def test_readme_quotes_the_ablations() -> None:
+    """Its table, and which losses are beyond chance."""
+    study = FOLDERS[-1]
+    found = ablated(read_json(study / ABLATIONS, "ablations"), read_json(study / SCORE, "the score"))
+    text = (STUDIES.parents[2] / "README.md").read_text(encoding="utf-8")
+    for one in found:
+        first, behind = ("nothing", "-") if one.behind is None else (one.words, f"{100 * one.behind:.0f}")
+        counts = (f"{rate['k']} of {rate['n']}" for rate in (one.right, one.single, one.alarms))
+        assert f"| {' | '.join((first, *counts, behind))} |" in text
+    beyond = {one.name for one in found if one.interval and one.interval[0] > 0}
+    assert beyond == {"didim_jacobian", "no_start", "force_only"}
+    assert "DIDIM's Jacobian, the initial state and the motor force alone" in text
