@@ -101,7 +101,7 @@ def banner(study: Mapping[str, Any]) -> str:
     else:
         made = (
             f"All {n} cases are SYNTHETIC, made by a simulator that shares no code with the package. A typical size is "
-            "one that opens a gap of two to five times what noise leaves."
+            "meant to open a gap of two to five times what noise leaves; base parameters, refitted, take part of it."
         )
     steps = {step.step: step.time for step in study["ledger"]}
     if {"seal", "diagnose", "open"} <= set(steps):
@@ -148,8 +148,8 @@ def answer(score: Mapping[str, Any]) -> list[str]:
         told(_ALARM, "False alarm: in {p} of {n} cases with nothing to find ({i})"),
         told(_OUTSIDE, "Abstains: on {p} of {n} effects of no catalogue ({i})")
         + beside(_ABSTAINED, "; wrongly, on {} of the cases whose effects it knows"),
-        beside(_MEDIAN, "Gap closed on a trajectory not fitted: {} (median")
-        + beside(_TENTH, "; 10th percentile {})")
+        beside(_MEDIAN, "Gap closed on a trajectory not fitted, energy above noise: {} (median")
+        + told(_TENTH, "; 10th percentile {p}, interval {i})")
         + beside(_PARAMETER, "; the effect's own parameter is off by {} (median)"),
     )
     return [*(f"{sentence}." for sentence in sentences if sentence), _rivals(score), _targets(score)]
