@@ -71,7 +71,7 @@ def answers_figure(score: Mapping[str, Any]) -> Figure:
             color=SOFT,
         )
     names(ax, y, [f"{kind(name)} → {WANTED.get(name, 'name it')}" for name in strata], 9)
-    ax.set_xlim(0, 100)
+    ax.set_xlim(-1.5, 101.5)  # a diamond at an end covers neither name nor bar
     ax.set_ylim(y[-1] + 0.6, -0.6)
     label(ax, "share of the cases, %")
     ax.text(1.035, 1.01, "right (95 % interval)", transform=ax.transAxes, fontsize=8.5, color=SOFT)

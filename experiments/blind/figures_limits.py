@@ -70,7 +70,7 @@ def _panel(ax: Axes, unit: str, some: list[str], effects: Mapping[str, Any]) -> 
         for level, face in (("p50", "white"), ("p90", RIGHT)):
             value, (low, high) = one[level], one[f"{level}_interval"]
             if low:
-                end = high or max([low, value or low, *(size for size, _ in one["trials"])])
+                end = high or 1.35 * max([low, value or low, *(size for size, _ in one["trials"])])
                 ax.plot([low, end], [y, y], color=RIGHT, linewidth=1.0)
                 if high is None:
                     ax.plot(end, y, ">", color=RIGHT, markersize=4)

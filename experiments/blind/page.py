@@ -187,8 +187,8 @@ def _limits(found: Mapping[str, Any] | None, draw: Callable[..., Picture]) -> Se
         "too high."
     )
     caption = (
-        "Size at which an effect is named in half and in nine of ten cases; thin lines: 95 % intervals. Trials above a "
-        "row were named, below it not. Each panel has its own unit and axis."
+        "Size at which an effect is named in half and in nine of ten cases; thin lines: 95 % intervals, with an arrow "
+        "where they have no end. Trials above a row were named, below it not. Each panel has its own unit and axis."
     )
     parts: list[Part] = [Text(text), draw("limits", caption, limits_figure, found), tables.limits(found)]
     checked = tables.spot_checks(found)
