@@ -22,12 +22,13 @@ class Text:
 
 @dataclasses.dataclass(frozen=True)
 class Tabular:
-    """A table whose cells are ready to read; the first column is text."""
+    """A table whose cells are ready to read; the first column is text, all of them where it is `prose`."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
     kind: str = "table"
+    prose: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

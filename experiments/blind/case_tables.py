@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..page import Tabular
-from .page_tables import held
 from .real import RULES
 from .words import kind, ordered
 
@@ -21,7 +20,7 @@ def real(found: Mapping[str, Any]) -> Tabular:
             (one["case"], one["what"], asked, *names, f"{one['verdict']}: {right}", sizes, _gap(one.get("gap") or {}))
         )
     header = ("case", "record (MEASURED) and what was done", "asked", "truth", "found", "verdict", "size", "gap")
-    return Tabular(header, rows)
+    return Tabular(header, rows, prose=True)
 
 
 def _beside_truth(size: Mapping[str, Any]) -> str:
@@ -48,7 +47,8 @@ def wrong(score: Mapping[str, Any], answers: Mapping[str, Any]) -> Tabular:
             truth = _truth(row, answers.get(row["case"], {}).get("answer", {}))
             rows.append((row["case"], kind(row["stratum"]), *record, truth, said, sure, _gap(row)))
     about = ("drive", "noise", "load encoder")
-    return held(("case", "holds", *about, "truth, its law and size", "said", "sure", "gap"), rows)
+    header = ("case", "holds", *about, "truth, its law and size", "said", "probability of the first", "gap")
+    return Tabular(header, rows, prose=True)
 
 
 def _truth(row: Mapping[str, Any], answer: Mapping[str, Any]) -> str:
@@ -68,8 +68,8 @@ def _gap(found: Mapping[str, Any]) -> str:
     before, after, floor = (found.get(key) for key in ("before", "after", "floor"))
     if before is None or after is None:
         return "-"
-    noise = "" if floor is None else f" (noise {100 * floor:.1f})"
-    return f"{100 * before:.1f} → {100 * after:.1f} %{noise}"
+    noise = "" if floor is None else f" (noise\u00a0{100 * floor:.1f})"
+    return f"{100 * before:.1f} → {100 * after:.1f} %".replace(" ", "\u00a0") + noise
 
 
 def _quantities(found: Any, name: str = "") -> list[str]:
