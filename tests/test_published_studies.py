@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
-from experiments.blind.ablation_scores import ablated
+from experiments.blind.ablation_scores import ablated, right
 from experiments.blind.layout import OPENED, SCORE, digest, read_json
 from experiments.blind.ledger import verify
 from experiments.blind.page import ABLATIONS, LIMITS, report
@@ -88,6 +89,21 @@ def test_readme_quotes_the_ablations() -> None:
         first, behind = ("nothing", "-") if one.behind is None else (one.words, f"{100 * one.behind:.0f}")
         counts = (f"{rate['k']} of {rate['n']}" for rate in (one.right, one.single, one.alarms))
         assert f"| {' | '.join((first, *counts, behind))} |" in text
-    beyond = {one.name for one in found if one.interval and one.interval[0] > 0}
-    assert beyond == {"didim_jacobian", "no_start", "force_only"}
-    assert "DIDIM's Jacobian, the initial state and the motor force alone" in text
+    answers, rows = (read_json(study / name, name) for name in (ABLATIONS, SCORE))
+    truth = {row["case"]: row for row in rows["rows"]}
+
+    def p_value(name: str) -> tuple[int, int, float]:
+        """Cases lost and won against the complete diagnosis, and the exact paired test (McNemar) of no difference."""
+        pairs = [
+            (right(truth[case], answers["complete"][case]), right(truth[case], answers[name][case]))
+            for case in truth
+            if case in answers[name]
+        ]
+        lost, won = pairs.count((True, False)), pairs.count((False, True))
+        return lost, won, binomtest(lost, lost + won).pvalue if lost + won else 1.0
+
+    assert {name for name in answers if p_value(name)[2] < 0.01} == {"didim_jacobian", "no_start"}
+    assert p_value("force_only") == (5, 0, pytest.approx(0.0625))
+    assert (
+        "Beyond chance are DIDIM's Jacobian and the initial state" in text and "five lost, none won, p = 0.06" in text
+    )

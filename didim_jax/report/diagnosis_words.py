@@ -158,10 +158,11 @@ def _groups(d: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def _which(d: Diagnosis) -> tuple[str, str]:
     p = dict(d.ranking)
     rivals = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", *d.effects)]
+    known = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", "other")]
     match d.verdict:
         case "none":
             text = "No effect closes more of the gap than noise and the base parameters leave it."
-            text += f" Closest: {rivals[0]}." if rivals else ""
+            text += f" Closest: {known[0]}." if known else ""
             text += " A wrong drive gain would not show: masses, friction and stiffness absorb it."
             return f"None ({chance(p.get('none', 0.0))})", text
         case "unexplained":
@@ -169,8 +170,7 @@ def _which(d: Diagnosis) -> tuple[str, str]:
             if d.effects:
                 text += f" On the way {_all(d)} {'was' if len(d.effects) == 1 else 'were'} found. {_shares(d)}"
             else:
-                best = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", "other")]
-                text += f" Closest: {best[0]}." if best else ""
+                text += f" Closest: {known[0]}." if known else ""
             likeliest = d.ranking[0][0] == "other"
             return "None that is known" + (f" ({chance(p['other'])})" if likeliest else ""), text
         case "ambiguous":

@@ -44,23 +44,23 @@ class Ablated:
 def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) -> list[Ablated]:
     """Every variant that ran, the complete one first; an error is a wrong answer."""
     rows = {row["case"]: row for row in score["rows"]}
-    right = {
-        name: {case: _accepted(rows[case], said) for case, said in sorted(cases.items()) if case in rows}
+    accepted = {
+        name: {case: right(rows[case], said) for case, said in sorted(cases.items()) if case in rows}
         for name, cases in answers.items()
     }
-    complete = right.get("complete", {})
+    complete = accepted.get("complete", {})
     out = []
     for name in [n for n in WORDS if n in answers] + [n for n in answers if n not in WORDS]:
-        both = [case for case in right[name] if case in complete and name != "complete"]
-        behind = lead([complete[case] for case in both], [right[name][case] for case in both])
-        judged = {case: answers[name][case] for case in right[name]}
+        both = [case for case in accepted[name] if case in complete and name != "complete"]
+        behind = lead([complete[case] for case in both], [accepted[name][case] for case in both])
+        judged = {case: answers[name][case] for case in accepted[name]}
         quiet = [said for case, said in judged.items() if rows[case]["stratum"] in ("none", "numerics")]
         out.append(
             Ablated(
                 name,
-                rate([*right[name].values()]).as_json(),
-                rate([ok for case, ok in right[name].items() if _single(rows[case])]).as_json(),
-                rate([ok for case, ok in right[name].items() if rows[case]["stratum"] == "outside"]).as_json(),
+                rate([*accepted[name].values()]).as_json(),
+                rate([ok for case, ok in accepted[name].items() if _single(rows[case])]).as_json(),
+                rate([ok for case, ok in accepted[name].items() if rows[case]["stratum"] == "outside"]).as_json(),
                 rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
                 behind["ahead"],
                 behind["interval"],
@@ -79,10 +79,11 @@ def complete_and_sealed(answers: Mapping[str, Mapping[str, Any]], score: Mapping
     """How many cases the complete diagnosis ran on, how many it had right, and how many the sealed one had of them."""
     rows = {row["case"]: row for row in score["rows"]}
     both = [(said, rows[case]) for case, said in answers.get("complete", {}).items() if case in rows]
-    return len(both), sum(_accepted(row, said) for said, row in both), sum(row["accepted"] for _, row in both)
+    return len(both), sum(right(row, said) for said, row in both), sum(row["accepted"] for _, row in both)
 
 
-def _accepted(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+def right(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+    """Whether an answer is accepted by the rules of the study; an error is not."""
     if "error" in said:
         return False
     return agreement(row["target"], said["verdict"], said["effects"], said.get("ambiguous_with") or [])[1]

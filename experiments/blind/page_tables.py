@@ -151,7 +151,7 @@ def ablations(found: Sequence[Ablated]) -> Tabular:
     """Right, false alarms, and how far behind the complete diagnosis, on the same cases."""
     rows = []
     for one in found:
-        spread = f" ({100 * one.interval[0]:+.0f} to {100 * one.interval[1]:+.0f})" if one.interval else ""
+        spread = f" ({100 * one.interval[0]:+.1f} to {100 * one.interval[1]:+.1f})" if one.interval else ""
         behind = "-" if one.behind is None else f"{100 * one.behind:+.1f}{spread}"
         right = f"{one.right['k']} of {one.right['n']} ({between(one.right, digits=0)} %)"
         alarms = f"{one.alarms['k']} of {one.alarms['n']}"
