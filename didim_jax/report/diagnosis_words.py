@@ -157,8 +157,11 @@ def _groups(d: Diagnosis) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 def _which(d: Diagnosis) -> tuple[str, str]:
     p = dict(d.ranking)
-    rivals = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", *d.effects)]
-    known = [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in ("none", "other")]
+
+    def ranked(*but: str) -> list[str]:
+        return [f"{named(e)} ({chance(x)})" for e, x in d.ranking if e not in but]
+
+    rivals, known = ranked("none", *d.effects), ranked("none", "other")
     match d.verdict:
         case "none":
             text = "No effect closes more of the gap than noise and the base parameters leave it."

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from .intervals import lead, rate
+from .intervals import exact_paired_test, lead, rate
 from .judge import agreement
 
 WORDS = {
@@ -23,7 +23,7 @@ WORDS = {
 @dataclasses.dataclass(frozen=True)
 class Ablated:
     """One variant: how many are right in all, of one effect and of none of the catalogue's; false alarms where there is
-    nothing; points behind the complete diagnosis.
+    nothing; points behind the complete diagnosis, cases lost and won against it, and how likely that is by chance.
     """
 
     name: str
@@ -33,6 +33,9 @@ class Ablated:
     alarms: Mapping[str, Any]
     behind: float | None
     interval: tuple[float, float] | None
+    lost: int
+    won: int
+    p_value: float
     errors: int
 
     @property
@@ -45,14 +48,15 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
     """Every variant that ran, the complete one first; an error is a wrong answer."""
     rows = {row["case"]: row for row in score["rows"]}
     accepted = {
-        name: {case: right(rows[case], said) for case, said in sorted(cases.items()) if case in rows}
+        name: {case: _accepted(rows[case], said) for case, said in sorted(cases.items()) if case in rows}
         for name, cases in answers.items()
     }
     complete = accepted.get("complete", {})
     out = []
     for name in [n for n in WORDS if n in answers] + [n for n in answers if n not in WORDS]:
         both = [case for case in accepted[name] if case in complete and name != "complete"]
-        behind = lead([complete[case] for case in both], [accepted[name][case] for case in both])
+        pair = [complete[case] for case in both], [accepted[name][case] for case in both]
+        behind = lead(*pair)
         judged = {case: answers[name][case] for case in accepted[name]}
         quiet = [said for case, said in judged.items() if rows[case]["stratum"] in ("none", "numerics")]
         out.append(
@@ -64,6 +68,7 @@ def ablated(answers: Mapping[str, Mapping[str, Any]], score: Mapping[str, Any]) 
                 rate([said.get("verdict", "failed") != "none" for said in quiet]).as_json(),
                 behind["ahead"],
                 behind["interval"],
+                *exact_paired_test(*pair),
                 sum("error" in said for said in judged.values()),
             )
         )
@@ -79,10 +84,10 @@ def complete_and_sealed(answers: Mapping[str, Mapping[str, Any]], score: Mapping
     """How many cases the complete diagnosis ran on, how many it had right, and how many the sealed one had of them."""
     rows = {row["case"]: row for row in score["rows"]}
     both = [(said, rows[case]) for case, said in answers.get("complete", {}).items() if case in rows]
-    return len(both), sum(right(row, said) for said, row in both), sum(row["accepted"] for _, row in both)
+    return len(both), sum(_accepted(row, said) for said, row in both), sum(row["accepted"] for _, row in both)
 
 
-def right(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+def _accepted(row: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
     """Whether an answer is accepted by the rules of the study; an error is not."""
     if "error" in said:
         return False

@@ -95,10 +95,10 @@ def only(ingredients: Ingredients) -> Iterator[None]:
     if not ingredients.projection:
         changes.append((search, "score", unprojected))
     if not ingredients.numerics:
-        changes += [(Searcher, "base", property(but_the_sign)), (Searcher, "_sharpened", as_it_is)]
+        changes += [(Searcher, "base", property(fitting_but(SHAPE))), (Searcher, "_sharpened", as_it_is)]
         changes.append((Searcher, "_starts", with_held_sign))
     if not ingredients.start:
-        changes.append((Searcher, "base", property(but_the_start)))
+        changes.append((Searcher, "base", property(fitting_but(("start",)))))
     if not ingredients.whitening:
         changes += [(Prepared, "whitening", white), (Searcher, "log_likelihood", white_likelihood)]
         changes.append((Searcher, "weigh_by_noise", Searcher.weigh))
@@ -126,21 +126,19 @@ HELD_SIGN = 1e-6
 _base, _starts = vars(Searcher)["base"].fget, vars(Searcher)["_starts"]
 
 
-def but_the_sign(searcher: Searcher) -> list[int]:
-    """Places of what every fit moves, how friction's sign rises held."""
-    held = {searcher.model.index[name] for name in SHAPE if name in searcher.model.index}
-    return [i for i in _base(searcher) if i not in held]
+def fitting_but(held: Collection[str]) -> Callable[[Searcher], list[int]]:
+    """Places of what every fit moves, less the entries of these names or owners."""
+
+    def places(searcher: Searcher) -> list[int]:
+        model = searcher.model
+        return [i for i in _base(searcher) if not {model.names[i], model.entries[i].owner} & {*held}]
+
+    return places
 
 
 def with_held_sign(searcher: Searcher) -> list[np.ndarray]:
     """Where the nominal fit begins, with the width that stays."""
     return [searcher.model.encode(x, {"v_eps": HELD_SIGN}) for x in _starts(searcher)]
-
-
-def but_the_start(searcher: Searcher) -> list[int]:
-    """Places of what every fit moves, the initial state held."""
-    held = set(searcher.model.of("start"))
-    return [i for i in _base(searcher) if i not in held]
 
 
 def as_it_is(searcher: Searcher, fit: Fit) -> Fit:

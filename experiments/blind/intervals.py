@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
+from scipy.stats import binom, binomtest
 
 _Z = 1.959963984540054  # 95 %, two-sided
 
@@ -94,6 +94,15 @@ def lead(ours: Sequence[bool], theirs: Sequence[bool]) -> dict[str, Any]:
     """By how much one rate is above another on the same cases, with its interval; None of no cases."""
     ahead = (sum(ours) - sum(theirs)) / len(ours) if ours else None
     return {"ahead": ahead, "interval": lead_interval(ours, theirs)}
+
+
+def exact_paired_test(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[int, int, float]:
+    """Cases that only ours has right, those that only theirs has, and p of no difference (exact McNemar test)."""
+    only_ours, only_theirs = (
+        sum(a and not b for a, b in zip(x, y, strict=True)) for x, y in ((ours, theirs), (theirs, ours))
+    )
+    differ = only_ours + only_theirs
+    return only_ours, only_theirs, float(binomtest(only_ours, differ).pvalue) if differ else 1.0
 
 
 def lead_interval(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[float, float] | None:

@@ -95,6 +95,11 @@ class Row:
         return self.verdict in _NAMING
 
 
+def foretold(predicted: float | None, after: float) -> bool:
+    """Whether what would be left on the check record was said beforehand to a quarter."""
+    return predicted is not None and abs(predicted / after - 1) <= _PREDICTED
+
+
 def row(study: Path, case: str, sealed: Mapping[str, Any]) -> Row:
     """Judge one case; a missing or broken diagnosis is a wrong one, and says why."""
     answer = sealed["answer"]
@@ -118,7 +123,7 @@ def row(study: Path, case: str, sealed: Mapping[str, Any]) -> Row:
             after=after,
             closed=min((before**2 - after**2) / (before**2 - floor**2), 1.0) if worth else None,
             over_floor=after / floor if floor > 0 else None,
-            predicted=predicted is not None and abs(predicted / after - 1) <= _PREDICTED,
+            predicted=foretold(predicted, after),
             parameter_errors=parameter_errors(document, answer),
         )
     except Exception as error:  # whatever a diagnosis lacks

@@ -126,18 +126,18 @@ def measured(effect: str, answer: Mapping[str, Any]) -> tuple[float | None, str,
     None where this law has no such parameter. A limit of the drive counts as the share of the nominal peak that it cuts
     off; the frame of a base, whose effect is the larger the lighter it is, by the inverse of its mass.
     """
-    main, true = MAIN[effect], true_size(effect, answer)
+    true, (_, unit) = true_size(effect, answer), proportional(effect)
     if true is None:
-        return None, proportional(effect)[1], 1.0
+        return None, unit, 1.0
     value = abs(true)
     if effect == "base_flexibility":
-        return 1 / value, "1/kg", 1.0
+        return 1 / value, unit, 1.0
     if effect == "saturation":
         from .truth.sizes import TYPICAL
 
         share = TYPICAL["saturation"] * realised(effect, answer["sizes"][effect])
-        return share, "1", (1 - share) / value
-    return value, main.unit, 1.0
+        return share, unit, (1 - share) / value
+    return value, unit, 1.0
 
 
 def bound(effect: str, found: Mapping[str, Any]) -> float | None:

@@ -23,6 +23,7 @@ from .figures_gap import gap_figure
 from .figures_limits import limits_figure
 from .figures_names import confusion_figure, reliability_figure
 from .figures_rivals import ablations_figure, rivals_figure
+from .judge import foretold
 from .layout import LEDGER, OPENED, RESULTS, SCORE, digest, read_json
 from .ledger import verify
 
@@ -238,6 +239,8 @@ def _real(found: Mapping[str, Any] | None) -> Section:
     if not found or not found.get("cases"):
         return Section(heading, [Text(words.NOT_RUN.format(REAL))])
     right = sum(bool(one["right"]) for one in found["cases"])
+    gaps = [(one.get("gap") or {}).get("check") or {} for one in found["cases"]]
+    n_foretold = sum(foretold(gap.get("predicted_after"), gap["after"]) for gap in gaps if gap.get("after"))
     text = (
         "MEASURED records of the EMPS benchmark, as they are or with an exact change; diagnosed without the answer: "
         f"{right} of {len(found['cases'])} right. Checks, no blind test: two records of one machine, on which the "
@@ -247,16 +250,10 @@ def _real(found: Mapping[str, Any] | None) -> Section:
         "detection limits. Beside a planted effect the machine's own may be named, which nobody knows. The true delay "
         "is the planted one on top of what is found in the record with the pulses, the true M after a wrong gain that "
         "of the unchanged record, scaled. Right: what was done is named or said, within its tolerance; of the effects "
-        f"named beside it nothing is known. Gap foretold within 25 % in {_foretold(found)} of them. So few cases "
+        f"named beside it nothing is known. Gap foretold within 25 % in {n_foretold} of them. So few cases "
         f"give no rate. {words.commits(found.get('commits', []))}"
     )
     return Section(heading, [Text(text), case_tables.real(found)])
-
-
-def _foretold(found: Mapping[str, Any]) -> int:
-    """Of how many cases what would be left on the other record was said beforehand to a quarter."""
-    gaps = [(one.get("gap") or {}).get("check") or {} for one in found["cases"]]
-    return sum(abs((gap.get("predicted_after") or 0) / gap["after"] - 1) <= 0.25 for gap in gaps if gap.get("after"))
 
 
 def _wrong(score: Mapping[str, Any], answers: Mapping[str, Any]) -> Section:
